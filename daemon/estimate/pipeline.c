@@ -12,6 +12,7 @@
 #include "include/luminance.h"
 #include "light/math/grid.h"
 #include "light/send/model.h"
+#include "vision/camera/camera.h"
 
 /* Most of the light has changed when this share has. */
 #define MOST_CHANGED 0.5F
@@ -102,12 +103,25 @@ static bool is_in_view(const struct lp_pipeline *p, int cell)
 	return p->camera_count == 1 || p->view[cell];
 }
 
-/* Share of the sphere that clips in the camera's view. */
+/* Whether the newest frame's camera may look away from what is known. */
+static bool sees_part(const struct lp_pipeline *p)
+{
+	return p->camera_count > 1 || !lp_camera_is_whole(p->cameras[0].geometry);
+}
+
+/* A camera that sees so little of the sphere is turned to see the rest. */
+static bool sees_little(const struct lp_pipeline *p)
+{
+	return p->camera_count == 1 && p->cameras[0].geometry->projection == LP_PINHOLE;
+}
+
+/* Share of the sphere that clips in the camera's view. A shorter exposure does not help where it
+ * does not look. */
 static float clipped_in_view(const struct lp_pipeline *p, const struct lp_panorama *panorama)
 {
 	double clipped_sr = 0.0;
 
-	if (p->camera_count == 1)
+	if (!sees_part(p))
 		return panorama->clipped_fraction;
 	for (int i = 0; i < panorama->width * panorama->height; i++)
 		if ((panorama->flags[i] & LP_CELL_CLIPPED) && p->view[i])
@@ -123,10 +137,11 @@ static struct lp_bracket_scene look_at_scene(struct lp_pipeline *p,
 
 	lp_imager_status(p->imager, &status);
 	struct lp_bracket_scene scene = {.changed = status.changed > MOST_CHANGED,
-					 .restless = is_restless(p, status.changed)};
+					 .restless = is_restless(p, status.changed),
+					 .looks_around = sees_little(p)};
 	int count = 0;
 
-	if (p->camera_count > 1)
+	if (sees_part(p))
 		lp_imager_view(p->imager, p->view);
 	scene.clipped = clipped_in_view(p, panorama) > LP_LEAST_CLIPPED_FRACTION ||
 			status.newest_clips > LP_LEAST_CLIPPED_FRACTION ||

@@ -26,6 +26,12 @@
 /* 1 sigma of light that is not seen, relative, after its first second; grows with its root. */
 #define COVERED_WALK 0.1
 
+/* Less than this share of the sphere is a gap between lenses, or what a stand hides... */
+#define LEAST_UNSEEN 0.02
+/* ...and of more, the contrast is at least this: of a wall nobody knows what is behind the camera.
+ */
+#define USUAL_CONTRAST 0.75
+
 /* The panorama's light, with each lamp's share moved from where the grid saw it to where it is:
  * shape from the grid, place and strength from the pixels. */
 static void project(struct lp_pipeline *p, const struct lp_panorama *panorama, double (*total)[3])
@@ -173,17 +179,21 @@ static double contrast(const struct lp_light_estimate *e)
 }
 
 /*
- * What a mirror ball does not show lies in one cone, which is filled with the mean of the rest, and
- * may differ from it as much as other parts of the sphere do. Root mean square over all normals of
- * the irradiance of a cone that holds so much more or less, relative to the mean irradiance: the
- * mean of max(0, cos)^2 is 1/6.
+ * What nobody has seen is filled with the mean of the rest, and may differ from it as much as other
+ * parts of the sphere do. Root mean square over all normals of the irradiance of one cone that
+ * holds so much more or less, relative to the mean irradiance: the mean of max(0, cos)^2 is 1/6.
+ * Gaps of several places are taken for one, which is the worst.
  */
 static double unseen_sigma(const struct lp_pipeline *p, const struct lp_light_estimate *e)
 {
 	const double unseen = 1.0 - (double)lp_imager_panorama(p->imager)->seen_fraction;
 	const bool is_ball = p->camera_count == 1 && p->cameras[0].geometry->projection == LP_BALL;
 
-	return is_ball ? 4.0 * unseen * contrast(e) / sqrt(6.0) : 0.0;
+	if (is_ball)
+		return 4.0 * unseen * contrast(e) / sqrt(6.0);
+	/* a lamp may hang there: of the light of a room that is seen in part, lamps make most */
+	return unseen < LEAST_UNSEEN ? 0.0
+				     : 4.0 * unseen * fmax(contrast(e), USUAL_CONTRAST) / sqrt(6.0);
 }
 
 /* e->lights and e->sh_total are set. */

@@ -57,7 +57,7 @@ struct lp_pipeline {
 	int places_left_out;  /* of the pictures, as of the newest frame */
 	float restless;	      /* share of the last frames that showed changed light */
 	float *scratch;	      /* cells of the panorama, for its median */
-	uint8_t *view;	      /* of several cameras: the cells that the newest frame's looks at */
+	uint8_t *view;	      /* cells that the newest frame's camera looks at, if it sees a part */
 	float (*filled)[4];   /* of a panorama that is not seen whole, with what stands in */
 	float (*surround)[4]; /* of the panorama, without lamps; NULL: no reflection maps */
 	int wanted_lights;    /* by the options and the most demanding subscriber */

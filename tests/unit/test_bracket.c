@@ -317,6 +317,33 @@ static void test_a_lamp_smaller_than_a_cell(void **state)
 	assert_true(bracket.plan.us[0] > 500.0F);
 }
 
+/* A camera that looks around keeps a short exposure ready, where the scene that it sees needs none.
+ */
+static void test_a_camera_that_looks_around(void **state)
+{
+	const struct lp_bracket_limits limits = {.min_us = 1.0F, .max_us = 33000.0F};
+
+	(void)state;
+	for (int around = 0; around < 2; around++) {
+		const struct lp_bracket_scene scene = {.median = 30.0F,
+						       .peak = 60.0F,
+						       .looks_around = around};
+		struct lp_bracket bracket;
+		float command_us;
+
+		lp_bracket_init(&bracket, 3, &limits);
+		for (int n = 0; n < 100; n++) {
+			lp_bracket_frame(&bracket, n);
+			if (lp_bracket_reported(&bracket, bracket.commanded_us).accept)
+				lp_bracket_next(&bracket, &scene, &command_us);
+		}
+		assert_int_equal(bracket.plan.count, around ? 3 : 1);
+		if (around)
+			assert_float_equal(log2f(bracket.plan.us[0] / bracket.plan.us[2]), 10.0,
+					   0.1);
+	}
+}
+
 /* The governor changes the preset at any moment of a bracket: nothing is merged wrongly. */
 static void test_another_preset_amid_a_bracket(void **state)
 {
@@ -451,6 +478,7 @@ int main(void)
 		cmocka_unit_test(test_what_a_frame_most_likely_has),
 		cmocka_unit_test(test_number_of_exposures_by_the_scene),
 		cmocka_unit_test(test_a_lamp_smaller_than_a_cell),
+		cmocka_unit_test(test_a_camera_that_looks_around),
 	};
 
 	return cmocka_run_group_tests(tests, prepare, NULL);

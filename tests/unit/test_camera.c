@@ -374,6 +374,56 @@ static void test_one_lens_sees_a_part(void **state)
 	free_panorama(&panorama);
 }
 
+#define PHONE                                                               \
+	"[camera]\nprojection = pinhole\nwidth_px = 360\nheight_px = 640\n" \
+	"[lens.0]\ncx_px = 182\ncy_px = 317\nfx_px = 500\nfy_px = 505\n"
+
+/* OpenCV's model: the tangent of the angle, distorted; the picture is a rectangle of the sphere. */
+static void test_an_ordinary_camera(void **state)
+{
+	struct lp_camera *plain = load(PHONE);
+	struct lp_camera *camera = load(PHONE "distortion = 0.1, -0.2, 0.001, -0.002, 0.05\n"
+					      "rolloff = -0.2\nrotation_wxyz = 1, 0, 1, 0\n");
+	const double d[3] = {0.1 / sqrt(1.05), 0.2 / sqrt(1.05), -1.0 / sqrt(1.05)};
+	const double behind[3] = {-d[0], -d[1], -d[2]};
+	double pixel[2], share, illumination, ray[3], sum = 0.0;
+	int lens;
+
+	(void)state;
+	assert_true(lp_camera_project(plain, 0, 360, 640, d, pixel, &share, &illumination));
+	assert_float_equal(pixel[0], 182 + 500 * 0.1, 1e-6);
+	assert_float_equal(pixel[1], 317 - 505 * 0.2, 1e-6);
+	assert_false(lp_camera_project(plain, 0, 360, 640, behind, pixel, &share, &illumination));
+	assert_false(lp_camera_is_whole(camera));
+	for (int y = 0; y < 320; y++) /* at half the size that the file speaks of */
+		for (int x = 0; x < 180; x++) {
+			assert_true(lp_camera_ray(camera, 180, 320, x + 0.5, y + 0.5, ray, &lens));
+			assert_true(lp_camera_project(camera, lens, 180, 320, ray, pixel, &share,
+						      &illumination));
+			assert_float_equal(pixel[0], x + 0.5, 1e-3);
+			assert_float_equal(pixel[1], y + 0.5, 1e-3);
+			assert_true(illumination <= 1.0 && illumination > 0.85);
+			sum += lp_camera_pixel_solid_angle_sr(plain, 180, 320, x + 0.5, y + 0.5);
+		}
+	/* of a rectangle, from the four parts between its sides and the axis */
+	const double left = 182 / 500.0, right = 178 / 500.0, up = 317 / 505.0, down = 323 / 505.0;
+	const double sides[2] = {left, right}, heights[2] = {up, down};
+	double truth = 0.0;
+
+	for (int i = 0; i < 4; i++) {
+		const double a = sides[i % 2], b = heights[i / 2];
+
+		truth += atan(a * b / sqrt(1.0 + a * a + b * b));
+	}
+	assert_float_equal(sum, truth, 1e-4);
+	assert_true(
+		lp_camera_ray(camera, 360, 640, 182, 317, ray, &lens)); /* a quarter turn left */
+	assert_true(ray[0] < -0.999);
+	assert_float_equal(lp_camera_pixel_rad(plain, 180, 320), 2.0 / 500, 1e-9);
+	lp_camera_destroy(camera);
+	lp_camera_destroy(plain);
+}
+
 /* Each broken file: refused, with its name, where, and what would be right. */
 static void test_broken_files(void **state)
 {
@@ -395,6 +445,11 @@ static void test_broken_files(void **state)
 		{"[camera]\nprojection = fisheye\nwidth_px = 64\nheight_px = 64\n[lens.0]\n"
 		 "fx_px = 20\nfy_px = 20\nmax_theta_deg = 90\nk1 = -3\n",
 		 "stops growing"},
+		{PHONE "k1 = 0.1\n", "projection = pinhole needs one"},
+		{PHONE "distortion = -4\n", "two places"},
+		{"[camera]\nprojection = fisheye\nwidth_px = 64\nheight_px = 64\n[lens.0]\n"
+		 "fx_px = 20\nfy_px = 20\nmax_theta_deg = 90\ndistortion = 0.1\n",
+		 "of projection = pinhole"},
 		{"[camera]\nprojection = equirect\n[response]\ntable = /nonexistent.txt\n",
 		 "/nonexistent.txt"},
 	};
@@ -580,6 +635,7 @@ int main(void)
 		cmocka_unit_test(test_uniform_stays_uniform),
 		cmocka_unit_test(test_light_is_kept),
 		cmocka_unit_test(test_one_lens_sees_a_part),
+		cmocka_unit_test(test_an_ordinary_camera),
 		cmocka_unit_test(test_broken_files),
 		cmocka_unit_test(test_processing_of_a_file),
 		cmocka_unit_test(test_glare_of_a_file),

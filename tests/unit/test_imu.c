@@ -221,6 +221,55 @@ static void test_the_anchor_frame_changes(void **state)
 	}
 }
 
+/* A camera that seems to hold still before a bare wall: that it turns is told, before what is told
+ * counts as a contradiction; noise is no turn. */
+static void test_a_turn_that_pictures_do_not_show(void **state)
+{
+	const struct lp_rotation world = its_world(), still = yaw(20.0);
+	struct lp_imu_sample now = {.known = true, .sigma_rad = 0.1 * DEG};
+	double turn[3], sigma_rad, told_deg = 20.0;
+	struct lp_rotation told;
+
+	(void)state;
+	for (int n = 0; n < 60; n++)
+		tell(20.0, 20.0);
+	for (int n = 0; n < 100; n++) {
+		told_deg += 0.05;
+		told = yaw(told_deg);
+		now.rotation = lp_rotation_product(&world, &told);
+		if (lp_imu_turn_unseen(&imu, &now, &still, turn, &sigma_rad))
+			break;
+	}
+	assert_true(told_deg > 20.5 && told_deg < 21.3);
+	assert_float_equal(turn[1] / DEG, told_deg - 20.0, 0.1);
+	assert_false(lp_imu_is_apart(&still, &told, now.sigma_rad, 0.0));
+	lp_imu_contradict(&imu);
+	assert_false(lp_imu_turn_unseen(&imu, &now, &still, turn, &sigma_rad));
+}
+
+/* What is told pulls a rotation to itself, by what it weighs. */
+static void test_a_rotation_is_held_to_what_is_told(void **state)
+{
+	const struct lp_rotation world = its_world(), told = yaw(22.0);
+	struct lp_imu_sample now = {.known = true, .sigma_rad = 0.1 * DEG};
+	double pull[3], information[3][3], v[3];
+
+	(void)state;
+	assert_false(lp_imu_pull(&imu, &now, &told, pull, information)); /* no world yet */
+	for (int n = 0; n < 60; n++)
+		tell(20.0, 20.0);
+	now.rotation = lp_rotation_product(&world, &told);
+	assert_true(lp_imu_pull(&imu, &now, &motion.rotation, pull, information));
+	for (int a = 0; a < 3; a++)
+		assert_float_equal(pull[a] / information[a][a] / DEG, a == 1 ? 2.0 : 0.0, 0.1);
+	for (int n = 0; n < 3; n++)
+		lp_motion_predict_turn(&motion, FRAME_S, (const double[]){0.0, 0.0, 0.0},
+				       5.0 * DEG);
+	lp_motion_correct_by_landmarks(&motion, pull, (const double(*)[3])information);
+	lp_rotation_vector(&motion.rotation, v);
+	assert_float_equal(v[1] / DEG, 22.0, 0.3);
+}
+
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
@@ -232,6 +281,8 @@ int main(void)
 		cmocka_unit_test_setup(test_one_that_drifts_is_found_out, setup),
 		cmocka_unit_test_setup(test_how_late_it_is, setup),
 		cmocka_unit_test_setup(test_the_anchor_frame_changes, setup),
+		cmocka_unit_test_setup(test_a_turn_that_pictures_do_not_show, setup),
+		cmocka_unit_test_setup(test_a_rotation_is_held_to_what_is_told, setup),
 	};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);

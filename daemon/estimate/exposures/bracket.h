@@ -47,11 +47,12 @@ struct lp_bracket_limits {
 
 /* What the panorama says of the scene; luminance. */
 struct lp_bracket_scene {
-	float median;  /* radiance that half of the sphere stays below */
-	float peak;    /* highest of a cell */
-	bool clipped;  /* something saturates in the shortest exposure */
-	bool changed;  /* most of the light, with this frame */
-	bool restless; /* the light changes from frame to frame, as of lamps that flicker */
+	float median;	   /* radiance that half of the sphere stays below */
+	float peak;	   /* highest of a cell */
+	bool clipped;	   /* something saturates in the shortest exposure */
+	bool changed;	   /* most of the light, with this frame */
+	bool restless;	   /* the light changes from frame to frame, as of lamps that flicker */
+	bool looks_around; /* the camera sees little at a time: lamps may come into view */
 };
 
 enum lp_bracket_state {

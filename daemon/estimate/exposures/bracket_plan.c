@@ -94,6 +94,10 @@ int lp_bracket_plan(struct lp_bracket *b, const struct lp_bracket_scene *scene,
 	int count;
 
 	adapt_shortest(b, scene);
+	if (scene->looks_around) /* what comes into view may be a lamp, and gone again before it
+				  * has told how short an exposure it needs */
+		b->plan.shortest_us = fminf(b->plan.shortest_us,
+					    longest * exp2f(-STOPS_APART * (float)(b->most - 1)));
 	b->plan.shortest_us = fminf(lp_bracket_allowed(&b->limits, b->plan.shortest_us), longest);
 
 	const float range = log2f(longest / b->plan.shortest_us);

@@ -15,6 +15,9 @@
 #define OWN_SIGMA (0.3 * DEG)
 /* Further apart than so many sigmas is a contradiction; half as far is an agreement. */
 #define SIGMAS 4.0
+/* A camera that seems to hold still may turn unseen, before it is told further apart than so much
+ * of a contradiction. */
+#define DOUBTED 0.75
 /* The two frames of reference drift against each other: followed with this time constant. */
 #define DRIFT_S 2.0
 /* Measured: where pictures show little, the anchor frame drifts in that time by up to so many of
@@ -69,6 +72,38 @@ bool lp_imu_turn(const struct lp_imu *imu, const struct lp_imu_sample *now, doub
 
 	lp_rotation_vector(&turned, turn);
 	*sigma_rad = hypot(hypot(imu->last.sigma_rad, now->sigma_rad), 1e-4 * DEG);
+	return true;
+}
+
+bool lp_imu_turn_unseen(const struct lp_imu *imu, const struct lp_imu_sample *now,
+			const struct lp_rotation *still, double turn[3], double *sigma_rad)
+{
+	if (imu->left_out || !imu->has_world || !now->known)
+		return false;
+	const struct lp_rotation expected = lp_rotation_product(&imu->world, still);
+	const struct lp_rotation turned = from_to(&expected, &now->rotation);
+
+	lp_rotation_vector(&turned, turn);
+	*sigma_rad = hypot(now->sigma_rad, OWN_SIGMA);
+	return length(turn) > DOUBTED * limit_rad(now->sigma_rad, 0.0);
+}
+
+bool lp_imu_pull(const struct lp_imu *imu, const struct lp_imu_sample *now,
+		 const struct lp_rotation *rotation, double pull[3], double information[3][3])
+{
+	if (imu->left_out || !imu->has_world || !now->known)
+		return false;
+	const struct lp_rotation told = from_to(&imu->world, &now->rotation);
+	const struct lp_rotation back = lp_rotation_inverse(rotation);
+	const struct lp_rotation off = lp_rotation_product(&told, &back);
+	const double weight = 1.0 / (now->sigma_rad * now->sigma_rad + OWN_SIGMA * OWN_SIGMA);
+
+	lp_rotation_vector(&off, pull);
+	for (int a = 0; a < 3; a++) {
+		pull[a] *= weight;
+		for (int b = 0; b < 3; b++)
+			information[a][b] = a == b ? weight : 0.0;
+	}
 	return true;
 }
 

@@ -61,6 +61,18 @@ void lp_imu_take(struct lp_imu *imu, const struct lp_imu_sample *before,
 bool lp_imu_turn(const struct lp_imu *imu, const struct lp_imu_sample *now, double turn[3],
 		 double *sigma_rad);
 
+/* How a camera that seems to hold still at `still` (to the anchor frame) has turned since it does,
+ * by what is told, in its own frame. False: that is not told, not used, or no more than its noise.
+ */
+bool lp_imu_turn_unseen(const struct lp_imu *imu, const struct lp_imu_sample *now,
+			const struct lp_rotation *still, double turn[3], double *sigma_rad);
+
+/* What is told as a measurement of `rotation` (to the anchor frame), for
+ * lp_motion_correct_by_landmarks(): of a camera that sees too little at a time for pictures to tell
+ * how its views lie beside each other. False as above. */
+bool lp_imu_pull(const struct lp_imu *imu, const struct lp_imu_sample *now,
+		 const struct lp_rotation *rotation, double pull[3], double information[3][3]);
+
 /* Whether two rotations are further apart than what is told may be wrong by. */
 bool lp_imu_is_apart(const struct lp_rotation *told, const struct lp_rotation *found,
 		     double sigma_rad, double rate_rad_s);

@@ -7,7 +7,7 @@
 
 #include "light/linear/vector.h"
 
-/* Steps of Newton's method and of the inverse of the distortion; both converge in about five. */
+/* Steps of Newton's method, which converges in about five. */
 #define MOST_STEPS 30
 #define CLOSE_ENOUGH 1e-13
 
@@ -23,50 +23,6 @@ static void combine(const double a[3], double along, const double b[3], double a
 	length = sqrt(lp_dot(rest, rest));
 	for (int k = 0; k < 3; k++)
 		out[k] = along * a[k] + (length > 1e-15 ? across * rest[k] / length : 0.0);
-}
-
-/* Where a point at (x, y) of the plane one unit ahead is seen by a lens that distorts. */
-static void distort(const double d[LP_BALL_DISTORTION], double x, double y, double out[2])
-{
-	const double r2 = x * x + y * y;
-	const double radial = 1.0 + r2 * (d[0] + r2 * (d[1] + r2 * d[4]));
-
-	out[0] = x * radial + 2.0 * d[2] * x * y + d[3] * (r2 + 2.0 * x * x);
-	out[1] = y * radial + d[2] * (r2 + 2.0 * y * y) + 2.0 * d[3] * x * y;
-}
-
-/* The pixel of a ray (camera frame); false: it does not point ahead. */
-static bool pixel_of(const struct lp_pinhole *p, const double ray[3], double pixel[2])
-{
-	double at[2];
-
-	if (!(ray[2] < -1e-6))
-		return false;
-	distort(p->distortion, -ray[0] / ray[2], ray[1] / ray[2], at); /* y down */
-	pixel[0] = p->cx_px + p->fx_px * at[0];
-	pixel[1] = p->cy_px + p->fy_px * at[1];
-	return true;
-}
-
-/* The ray (unit, camera frame) of a pixel. */
-static void ray_of(const struct lp_pinhole *p, double x_px, double y_px, double ray[3])
-{
-	const double seen[2] = {(x_px - p->cx_px) / p->fx_px, (y_px - p->cy_px) / p->fy_px};
-	double x = seen[0], y = seen[1], length;
-
-	for (int i = 0; i < MOST_STEPS; i++) {
-		double at[2];
-
-		distort(p->distortion, x, y, at);
-		x += seen[0] - at[0];
-		y += seen[1] - at[1];
-		if (fabs(seen[0] - at[0]) + fabs(seen[1] - at[1]) < CLOSE_ENOUGH)
-			break;
-	}
-	length = sqrt(x * x + y * y + 1.0);
-	ray[0] = x / length;
-	ray[1] = -y / length;
-	ray[2] = -1.0 / length;
 }
 
 bool lp_ball_init(struct lp_ball *ball, const struct lp_pinhole *pinhole, const double centre[3],
@@ -136,7 +92,7 @@ bool lp_ball_project(const struct lp_ball *ball, const struct lp_pinhole *pinhol
 
 	combine(ball->axis, sqrt(1.0 - alpha_sine * alpha_sine), direction, alpha_sine, ray);
 	*reflectance = lp_ball_reflectance(ball->index, ball->extinction, cos(i));
-	return pixel_of(pinhole, ray, pixel);
+	return lp_pinhole_project(pinhole, ray, pixel);
 }
 
 /* The ray (unit, camera frame) of a pixel, its angle alpha from the axis and the sine of the
@@ -144,7 +100,7 @@ bool lp_ball_project(const struct lp_ball *ball, const struct lp_pinhole *pinhol
 static bool meets(const struct lp_ball *ball, const struct lp_pinhole *pinhole, double x, double y,
 		  double ray[3], double *alpha, double *sine)
 {
-	ray_of(pinhole, x, y, ray);
+	lp_pinhole_ray(pinhole, x, y, ray);
 	const double cosine = lp_dot(ray, ball->axis);
 
 	*alpha = acos(fmax(-1.0, fmin(1.0, cosine)));

@@ -12,17 +12,11 @@
 
 #include <stdbool.h>
 
+#include "vision/ball/pinhole.h"
+
 #ifdef __cplusplus
 extern "C" {
 #endif
-
-#define LP_BALL_DISTORTION 5
-
-/* Radial and tangential distortion of a pinhole camera, as OpenCV has them: k1 k2 p1 p2 k3. */
-struct lp_pinhole {
-	double cx_px, cy_px, fx_px, fy_px;
-	double distortion[LP_BALL_DISTORTION];
-};
 
 struct lp_ball {
 	double axis[3];	     /* unit, camera frame: towards the centre */

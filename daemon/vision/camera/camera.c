@@ -4,6 +4,9 @@
 #include <math.h>
 #include <stdlib.h>
 
+/* What rounding may take from the angle of a picture's corner. */
+#define ROUNDING_RAD 1e-6
+
 void lp_camera_destroy(struct lp_camera *camera)
 {
 	if (!camera)
@@ -27,6 +30,8 @@ double lp_camera_pixel_rad(const struct lp_camera *camera, int width_px, int hei
 {
 	if (camera->projection == LP_BALL)
 		return 2.0 * camera->width_px / (camera->ball.radius_px * width_px);
+	if (camera->projection == LP_PINHOLE)
+		return camera->width_px / (camera->pinhole.fx_px * width_px);
 	return sqrt(4.0 * M_PI / ((double)width_px * height_px));
 }
 
@@ -144,6 +149,26 @@ static bool project_ball(const struct lp_camera *camera, int width_px, int heigh
 	return true;
 }
 
+static bool project_pinhole(const struct lp_camera *camera, int width_px, int height_px,
+			    const double direction[3], double pixel[2], double *illumination)
+{
+	const struct lp_lens *lens = &camera->lens[0];
+	double d[3];
+
+	to_lens(lens, direction, d);
+	const double theta = atan2(hypot(d[0], d[1]), -d[2]);
+
+	if (theta > (double)lens->max_theta_rad + ROUNDING_RAD ||
+	    !lp_pinhole_project(&camera->pinhole, d, pixel) || pixel[0] < 0.0 || pixel[1] < 0.0 ||
+	    pixel[0] >= camera->width_px || pixel[1] >= camera->height_px ||
+	    masked(camera, lens, pixel[0], pixel[1]))
+		return false;
+	pixel[0] *= (double)width_px / camera->width_px;
+	pixel[1] *= (double)height_px / camera->height_px;
+	*illumination = illumination_at(lens, theta);
+	return *illumination > 0.0;
+}
+
 bool lp_camera_project(const struct lp_camera *camera, int lens, int width_px, int height_px,
 		       const double direction[3], double pixel[2], double *share,
 		       double *illumination)
@@ -158,6 +183,8 @@ bool lp_camera_project(const struct lp_camera *camera, int lens, int width_px, i
 			       pixel[1] * camera->height_px / height_px);
 	if (camera->projection == LP_BALL)
 		return project_ball(camera, width_px, height_px, direction, pixel, illumination);
+	if (camera->projection == LP_PINHOLE)
+		return project_pinhole(camera, width_px, height_px, direction, pixel, illumination);
 	to_lens(l, direction, d);
 	const double across = hypot(d[0], d[1]);
 
@@ -200,6 +227,18 @@ static bool ray_ball(const struct lp_camera *camera, double x, double y, double 
 	return true;
 }
 
+static bool ray_pinhole(const struct lp_camera *camera, double x, double y, double direction[3])
+{
+	const struct lp_lens *lens = &camera->lens[0];
+	double d[3];
+
+	lp_pinhole_ray(&camera->pinhole, x, y, d);
+	if (d[2] > -cos((double)lens->max_theta_rad + ROUNDING_RAD) || masked(camera, lens, x, y))
+		return false;
+	to_probe(lens, d, direction);
+	return true;
+}
+
 bool lp_camera_ray(const struct lp_camera *camera, int width_px, int height_px, double x, double y,
 		   double direction[3], int *lens)
 {
@@ -215,6 +254,8 @@ bool lp_camera_ray(const struct lp_camera *camera, int width_px, int height_px, 
 	y *= (double)camera->height_px / height_px;
 	if (camera->projection == LP_BALL)
 		return ray_ball(camera, x, y, direction);
+	if (camera->projection == LP_PINHOLE)
+		return ray_pinhole(camera, x, y, direction);
 	for (int k = 0; k < camera->lens_count; k++) { /* circles of lenses do not overlap */
 		const struct lp_lens *l = &camera->lens[k];
 		const double r = hypot((x - l->cx_px) / l->fx_px, (y - l->cy_px) / l->fy_px);
@@ -253,6 +294,10 @@ double lp_camera_pixel_solid_angle_sr(const struct lp_camera *camera, int width_
 		return lp_ball_pixel_sr(&camera->ball, &camera->pinhole,
 					x * camera->width_px / width_px,
 					y * camera->height_px / height_px) *
+		       camera->width_px / width_px * camera->height_px / height_px;
+	if (camera->projection == LP_PINHOLE)
+		return lp_pinhole_pixel_sr(&camera->pinhole, x * camera->width_px / width_px,
+					   y * camera->height_px / height_px) *
 		       camera->width_px / width_px * camera->height_px / height_px;
 	/* area element: sin(theta) dtheta dphi = sin(theta) / (r r') dx dy / (fx fy), r, r' of
 	 * theta */

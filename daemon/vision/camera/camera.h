@@ -2,7 +2,8 @@
 /*
  * Where a pixel looks, and what its value means: projection, orientation, roll-off and response of
  * a camera. Equirectangular pictures, one or more fisheye lenses on one picture (Kannala & Brandt
- * 2006), or a mirror ball that an ordinary camera sees (vision/ball/ball.h).
+ * 2006), an ordinary camera (vision/ball/pinhole.h), or a mirror ball that such a one sees
+ * (vision/ball/ball.h).
  *
  * Pixel coordinates: x to the right, y down, (0, 0) the upper left corner of the picture, so the
  * centre of the first pixel is (0.5, 0.5). Lens frame: +X right, +Y up, -Z along the optical axis.
@@ -34,7 +35,7 @@ struct lp_lens {
 	uint8_t *mask;	      /* picture-sized, 0 = not usable; NULL: none */
 };
 
-enum lp_projection { LP_EQUIRECT, LP_FISHEYE, LP_BALL };
+enum lp_projection { LP_EQUIRECT, LP_FISHEYE, LP_BALL, LP_PINHOLE };
 
 /* Veiling glare: shares of all light of a lens' picture. */
 struct lp_glare_shares {
@@ -50,8 +51,9 @@ struct lp_camera {
 	struct lp_crop crop;	 /* LP_EQUIRECT: what of the sphere the picture shows */
 	bool crop_given;	 /* by the camera file; of lenses, always */
 	int lens_count;
-	struct lp_lens lens[LP_MAX_LENSES]; /* LP_BALL: of the first, rotation and mask count */
-	struct lp_pinhole pinhole;	    /* LP_BALL: the camera that sees the ball */
+	struct lp_lens lens[LP_MAX_LENSES]; /* LP_BALL: of the first, rotation and mask count;
+					     * LP_PINHOLE: the first, but for centre and k */
+	struct lp_pinhole pinhole;	    /* or, of LP_BALL, the camera that sees the ball */
 	struct lp_ball ball;
 	float (*stuck_px)[2]; /* pixels that shine by themselves: the left upper corner of each */
 	int stuck_count;

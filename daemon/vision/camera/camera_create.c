@@ -179,6 +179,13 @@ static int set_lens(struct lp_camera *camera, struct lp_lens *lens, const char *
 			 number);
 		return -EBADMSG;
 	}
+	if (f->distortion.count) {
+		lp_error(
+			path, "camera file",
+			"[lens.%d]: distortion is of projection = pinhole; a fisheye's is k1 to k4",
+			number);
+		return -EBADMSG;
+	}
 	if (f->rolloff.count > 3 || set_rotation(lens, &f->rotation_wxyz) < 0) {
 		lp_error(path, "camera file",
 			 "[lens.%d]: rotation_wxyz takes four numbers, a "
@@ -236,6 +243,52 @@ static void copy_numbers(const struct lp_floats *given, double *to, int count)
 		to[k] = k < given->count ? (double)given->values[k] : 0.0;
 }
 
+/* One lens that is described without a polynomial in the angle. */
+static bool is_plain(const struct lp_camera_file *f)
+{
+	const struct lp_lens_fields *l = &f->lens[0];
+
+	return l->present && l->fx_px > 0.0F && l->fy_px > 0.0F && l->k1 == 0.0F && l->k2 == 0.0F &&
+	       l->k3 == 0.0F && l->k4 == 0.0F && !f->lens[1].present;
+}
+
+/* An ordinary camera. */
+static int set_pinhole(struct lp_camera *camera, const struct lp_camera_file *f)
+{
+	const struct lp_lens_fields *l = &f->lens[0];
+	struct lp_lens *lens = &camera->lens[0];
+	const char *path = f->ini.path;
+
+	if (!is_plain(f) || l->distortion.count > LP_PINHOLE_DISTORTION || l->rolloff.count > 3 ||
+	    set_rotation(lens, &l->rotation_wxyz) < 0) {
+		lp_error(path, "camera file",
+			 "projection = pinhole needs one [lens.0] with cx_px, cy_px, fx_px and "
+			 "fy_px; distortion takes k1, k2, p1, p2, k3 as OpenCV has them; k1 to k4 "
+			 "apart are of a fisheye");
+		return -EBADMSG;
+	}
+	camera->pinhole = (struct lp_pinhole){l->cx_px, l->cy_px, l->fx_px, l->fy_px, {0.0}};
+	copy_numbers(&l->distortion, camera->pinhole.distortion, LP_PINHOLE_DISTORTION);
+	memcpy(lens->rolloff, l->rolloff.values, sizeof(lens->rolloff));
+	lens->fx_px = l->fx_px;
+	lens->fy_px = l->fy_px;
+	const double most_rad =
+		lp_pinhole_most_rad(&camera->pinhole, camera->width_px, camera->height_px);
+
+	if (most_rad <= 0.0) {
+		lp_error(path, "camera file",
+			 "[lens.0]: with this distortion, or this fx_px and fy_px, two places of "
+			 "the picture look the same way");
+		return -EBADMSG;
+	}
+	lens->max_theta_rad = (float)most_rad;
+	if (l->max_theta_deg > 0.0F)
+		lens->max_theta_rad =
+			fminf(lens->max_theta_rad, l->max_theta_deg * (float)M_PI / 180.0F);
+	camera->lens_count = 1;
+	return l->mask[0] ? load_mask(camera, lens, path, l->mask) : 0;
+}
+
 /* The camera that sees a mirror ball, and the ball. */
 static int set_ball(struct lp_camera *camera, const struct lp_camera_file *f)
 {
@@ -245,17 +298,16 @@ static int set_ball(struct lp_camera *camera, const struct lp_camera_file *f)
 	const char *path = f->ini.path;
 	double centre[3];
 
-	if (!l->present || !(l->fx_px > 0.0F) || !(l->fy_px > 0.0F) || l->k1 != 0.0F ||
-	    l->k2 != 0.0F || l->k3 != 0.0F || l->k4 != 0.0F || f->lens[1].present) {
+	if (!is_plain(f) || l->distortion.count) {
 		lp_error(path, "camera file",
 			 "projection = ball needs one [lens.0] with cx_px, cy_px, fx_px and fy_px "
 			 "of the camera; its distortion, if any, stands in [ball]");
 		return -EBADMSG;
 	}
 	camera->pinhole = (struct lp_pinhole){l->cx_px, l->cy_px, l->fx_px, l->fy_px, {0.0}};
-	copy_numbers(&b->distortion, camera->pinhole.distortion, LP_BALL_DISTORTION);
+	copy_numbers(&b->distortion, camera->pinhole.distortion, LP_PINHOLE_DISTORTION);
 	copy_numbers(&b->centre, centre, 3);
-	if (b->centre.count != 3 || b->distortion.count > LP_BALL_DISTORTION ||
+	if (b->centre.count != 3 || b->distortion.count > LP_PINHOLE_DISTORTION ||
 	    set_rotation(lens, &l->rotation_wxyz) < 0 ||
 	    !lp_ball_init(&camera->ball, &camera->pinhole, centre, b->radius, b->rim_px)) {
 		lp_error(
@@ -280,7 +332,7 @@ static int build(struct lp_camera *camera, const struct lp_camera_file *f)
 	snprintf(camera->name, sizeof(camera->name), "%s", f->name[0] ? f->name : path);
 	if (f->projection < 0) {
 		lp_error(path, "camera file",
-			 "[camera] needs projection = equirect, fisheye or ball");
+			 "[camera] needs projection = equirect, fisheye, pinhole or ball");
 		return -EBADMSG;
 	}
 	camera->projection = (enum lp_projection)f->projection;
@@ -312,8 +364,9 @@ static int build(struct lp_camera *camera, const struct lp_camera_file *f)
 		if (ret < 0)
 			return ret;
 	}
-	if (camera->projection == LP_BALL) {
-		const int ret = set_ball(camera, f);
+	if (camera->projection == LP_BALL || camera->projection == LP_PINHOLE) {
+		const int ret = camera->projection == LP_BALL ? set_ball(camera, f)
+							      : set_pinhole(camera, f);
 
 		if (ret < 0)
 			return ret;

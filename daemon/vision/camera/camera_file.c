@@ -22,7 +22,7 @@
 #define CHROME_EXTINCTION 3.31F
 
 /* In the order of enum lp_projection. */
-static const char *const projections[] = {"equirect", "fisheye", "ball", NULL};
+static const char *const projections[] = {"equirect", "fisheye", "ball", "pinhole", NULL};
 
 static int parse_match(const char *text, void *field)
 {
@@ -171,6 +171,8 @@ static const struct lp_param lens_list[] = {
 	{"rotation_wxyz", LP_PARAM_FLOATS, offsetof(struct lp_lens_fields, rotation_wxyz),
 	 .min = -1, .max = 1},
 	{"rolloff", LP_PARAM_FLOATS, offsetof(struct lp_lens_fields, rolloff), .min = -100,
+	 .max = 100},
+	{"distortion", LP_PARAM_FLOATS, offsetof(struct lp_lens_fields, distortion), .min = -100,
 	 .max = 100},
 	{"mask", LP_PARAM_TEXT, offsetof(struct lp_lens_fields, mask), .max = PATH_MAX},
 };

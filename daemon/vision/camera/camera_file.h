@@ -29,7 +29,7 @@ struct lp_ball_fields {
 struct lp_lens_fields {
 	bool present;
 	float cx_px, cy_px, fx_px, fy_px, k1, k2, k3, k4, max_theta_deg;
-	struct lp_floats rotation_wxyz, rolloff;
+	struct lp_floats rotation_wxyz, rolloff, distortion;
 	char mask[PATH_MAX];
 };
 

@@ -28,6 +28,8 @@
 /* A camera that seems to hold still is found to turn slowly when it has turned by so much against
  * the map. */
 #define SLOW_TURN (3.0 * M_PI / 180.0)
+/* Share of the sphere below which a camera sees little. */
+#define SEES_LITTLE 0.25F
 /* One prediction fits better than the other when so much more of the picture agrees. */
 #define CLEARLY_BETTER 0.03F
 
@@ -116,11 +118,29 @@ static bool predict_by_imu(const struct lp_imager *imager, double elapsed_s,
 	const double angle = sqrt(turn[0] * turn[0] + turn[1] * turn[1] + turn[2] * turn[2]);
 
 	if (!imager->turn.motion.turning && !goes(imager) &&
-	    (angle < CLEAR_SIGMAS * sigma_rad || angle < CLEAR_TURN))
+	    (angle < CLEAR_SIGMAS * sigma_rad || angle < CLEAR_TURN) &&
+	    !lp_imu_turn_unseen(&imager->turn.imu, &imager->turn.told,
+				&imager->turn.motion.rotation, turn, &sigma_rad))
 		return false;
 	*motion = imager->turn.motion;
 	lp_motion_predict_turn(motion, elapsed_s, turn, sigma_rad);
 	return true;
+}
+
+/* Whether the picture tells two rotations apart, as far as its structure goes: before a bare wall
+ * it looks the same whichever way it turns. */
+static bool tells_apart(const struct lp_alignment_result *result, const struct lp_rotation *a,
+			const struct lp_rotation *b)
+{
+	const struct lp_rotation back = lp_rotation_inverse(a);
+	const struct lp_rotation apart = lp_rotation_product(&back, b);
+	double v[3], chi2 = 0.0;
+
+	lp_rotation_vector(&apart, v);
+	for (int i = 0; i < 3; i++)
+		for (int j = 0; j < 3; j++)
+			chi2 += v[i] * result->information[i][j] * v[j];
+	return chi2 > CLEAR_SIGMAS * CLEAR_SIGMAS;
 }
 
 /* Two predictions: the pictures decide which fits. Where they cannot, a camera that held still goes
@@ -137,6 +157,10 @@ static void choose(struct lp_imager *imager, const struct lp_motion *by_rate,
 		return;
 	}
 	solve(imager, &rate);
+	if (!tells_apart(&imu.result, &by_rate->rotation, &by_imu->rotation)) {
+		take(imager, &imu);
+		return;
+	}
 	const float more = turned ? CLEARLY_BETTER : -CLEARLY_BETTER;
 	const bool is_rate = compares(&rate) && rate.result.agreement >= LP_LEAST_AGREEMENT &&
 			     rate.result.agreement > imu.result.agreement + more;
@@ -199,6 +223,19 @@ static void follow_by_pictures(struct lp_imager *imager, const struct lp_motion 
 		imager->turn.motion = *by_rate;
 }
 
+/* A camera that sees little at a time has nothing but what is told to lay its views beside each
+ * other: a chain of pictures drifts. */
+static void hold_to_told(struct lp_imager *imager)
+{
+	double pull[3], information[3][3];
+
+	if (imager->eye->remap && imager->eye->remap->seen_fraction < SEES_LITTLE &&
+	    lp_imu_pull(&imager->turn.imu, &imager->turn.told, &imager->turn.motion.rotation, pull,
+			information))
+		lp_motion_correct_by_landmarks(&imager->turn.motion, pull,
+					       (const double(*)[3])information);
+}
+
 /* A camera that holds still is only looked at closer when the frame contradicts what is known, or a
  * IMU says clearly that it turns; and now and then. */
 static void follow_turn(struct lp_imager *imager, double elapsed_s)
@@ -231,6 +268,7 @@ static void follow_turn(struct lp_imager *imager, double elapsed_s)
 	}
 	if (imager->turn.motion.turning || imager->turn.told.known)
 		imager->turn.unseen = (struct lp_unseen_turn){0};
+	hold_to_told(imager);
 	place_map(imager);
 }
 

@@ -1,9 +1,9 @@
-"""Cameras: where a pixel looks. Equirectangular, or lenses or a mirror ball by a camera file.
+"""Cameras: where a pixel looks. Equirectangular, or lenses or a mirror ball by a file.
 
 The file is INI; its numbers refer to the size it states, and any other frame size is scaled:
 
-    [camera]   version = 1, name, projection = equirect | fisheye | ball, width_px,
-               height_px
+    [camera]   version = 1, name, projection = equirect | fisheye | pinhole | ball,
+               width_px, height_px
                mask               of an equirectangular picture, as a lens'
                stuck_pixels       file of rows x y beside it: pixels that shine by themselves
     [lens.0]   cx_px, cy_px       image centre; the first pixel's centre is at (0.5, 0.5)
@@ -14,6 +14,7 @@ The file is INI; its numbers refer to the size it states, and any other frame si
                                   to the probe's; default 1, 0, 0, 0
                rolloff            a1, a2, a3: relative illumination 1 + a1·θ² + a2·θ⁴ + a3·θ⁶
                mask               PGM beside the file; 0 where the lens sees nothing useful
+               distortion         k1, k2, p1, p2, k3 of projection = pinhole, as OpenCV has them
     [lens.1]   …
     [ball]     centre, radius, …  of projection = ball (imaging/ball.py)
     [polarizer] transmission, extinction, offset_deg: the film on the wheel (imaging/film.py)
@@ -43,6 +44,10 @@ from lightprobe.imaging.metadata import WHOLE, Crop, crop_of
 
 VERSION = 1  # of the format
 _THETA_STEPS = 4096
+#: What rounding may take from the angle of a picture's corner.
+_ROUNDING_RAD = 1e-6
+#: A pixel whose ray is seen so far beside it has none: as in daemon/vision/ball/pinhole.c.
+_FOLDS_PX = 0.1
 
 
 class CameraError(LightprobeError):
@@ -114,6 +119,49 @@ class Lens:
         scale = np.sin(theta) / np.where(radius > 0, radius, 1)
         direction = np.stack([a * scale, -b * scale, -np.cos(theta)], axis=-1)
         return direction @ rotation_matrix(self.rotation_wxyz).T, theta
+
+
+@dataclass(frozen=True, eq=False)
+class PinholeLens(Lens):
+    """The lens of an ordinary camera, by OpenCV's model; `k` is not used."""
+
+    distortion: tuple[float, ...] = ()  # k1, k2, p1, p2[, k3]
+
+    @property
+    def _pinhole(self) -> Pinhole:
+        return Pinhole(*self.focal_px, *self.centre_px, self.distortion)
+
+    def radius(self, theta: ArrayLike) -> Array:
+        """See :class:`Lens`; without the distortion."""
+        return np.asarray(np.tan(np.asarray(theta, dtype=np.float64)))
+
+    def place(self, directions: Array) -> tuple[Array, Array]:
+        """See :class:`Lens`; NaN behind the camera."""
+        rays = directions @ rotation_matrix(self.rotation_wxyz)
+        ahead = rays[..., 2] < 0
+        places = self._pinhole.places(np.where(ahead[..., None], rays, [0, 0, -1]))
+        places = np.where(ahead[..., None], places.reshape(*rays.shape[:-1], 2), np.nan)
+        return places[..., 0], places[..., 1]
+
+    def look(self, x_px: Array, y_px: Array) -> tuple[Array, Array]:
+        """See :class:`Lens`."""
+        rays = self._pinhole.rays(np.stack([x_px, y_px], axis=-1))
+        theta = np.arccos(np.clip(-rays[:, 2], -1, 1)).reshape(np.shape(x_px))
+        theta[theta > np.radians(self.max_theta_deg) + _ROUNDING_RAD] = np.nan
+        turned = rays @ rotation_matrix(self.rotation_wxyz).T
+        directions = turned.reshape(*theta.shape, 3)
+        directions[np.isnan(theta)] = np.nan
+        return directions, theta
+
+    def most_deg(self, width_px: float, height_px: float) -> float:
+        """Largest angle from the axis in a picture of this size; 0: its distortion folds there."""
+        x, y = np.meshgrid(np.linspace(0, width_px, 33), np.linspace(0, height_px, 33))
+        places = np.stack([x, y], axis=-1).reshape(-1, 2)
+        rays = self._pinhole.rays(places)
+        off_px = np.linalg.norm(self._pinhole.places(rays) - places, axis=1)
+        if not np.all(off_px < _FOLDS_PX):
+            return 0.0
+        return float(np.degrees(np.arccos(-rays[:, 2]).max()))
 
 
 @dataclass(frozen=True)
@@ -285,14 +333,15 @@ def _camera(section: _Section) -> Camera:
             f"camera: {section.path}: [camera] version = {version}: this lightprobe reads {VERSION}"
         )
     projection = section.text("projection")
-    if projection not in ("equirect", "fisheye", "ball"):
+    if projection not in ("equirect", "fisheye", "pinhole", "ball"):
         raise CameraError(
             f"camera: {section.path}: [camera] projection = {projection}: "
-            "expected equirect, fisheye or ball"
+            "expected equirect, fisheye, pinhole or ball"
         )
     config = section.config
     names = sorted(n for n in config.sections() if n.startswith("lens."))
-    if (projection != "equirect") != bool(names) or (projection == "ball" and len(names) != 1):
+    is_one = projection in ("pinhole", "ball")
+    if (projection != "equirect") != bool(names) or (is_one and len(names) != 1):
         raise CameraError(
             f"camera: {section.path}: {projection} with {len(names)} [lens.N] sections"
         )
@@ -303,7 +352,7 @@ def _camera(section: _Section) -> Camera:
         name=section.text("name", section.path.stem),
         width_px=int(section.number("width_px", width_px)),
         height_px=int(section.number("height_px", height_px)),
-        lenses=tuple(_lens(_Section(section.path, config, name), bool(ball)) for name in names),
+        lenses=_lenses(section, names, projection),
         ball=ball,
         response=_response(section) if config.has_option("response", "table") else None,
         sheet=_sheet(section) if config.has_section("polarizer") else Sheet(),
@@ -383,6 +432,33 @@ def _glare(camera: _Section) -> Glare:
             f"camera: {section.path}: [glare] expected even 0…0.4, around 0…0.4, width_deg 1…90"
         )
     return glare
+
+
+def _lenses(camera: _Section, names: list[str], projection: str) -> tuple[Lens, ...]:
+    sections = [_Section(camera.path, camera.config, name) for name in names]
+    if projection == "pinhole":
+        return (_pinhole_lens(camera, sections[0]),)
+    return tuple(_lens(section, projection == "ball") for section in sections)
+
+
+def _pinhole_lens(camera: _Section, section: _Section) -> PinholeLens:
+    where = f"camera: {section.path}: [{section.name}]"
+    words = section.text("distortion", "").replace(",", " ").split()
+    if len(words) > 5 or any(section.number(f"k{i}", "0") for i in (1, 2, 3, 4)):
+        raise CameraError(
+            f"{where} of projection = pinhole: expected distortion = k1, k2, p1, p2, k3, "
+            "and no k1 to k4, which are of a fisheye"
+        )
+    plain = _lens(section, sees_ball=True)
+    lens = PinholeLens(
+        plain.centre_px, plain.focal_px, plain.k, 90, plain.rotation_wxyz, plain.rolloff,
+        plain.mask,
+        section.numbers("distortion", len(words)) + (0.0,) * (5 - len(words)) if words else (),
+    )  # fmt: skip
+    most_deg = lens.most_deg(camera.number("width_px"), camera.number("height_px"))
+    if not most_deg:
+        raise CameraError(f"{where} with this distortion two places of the picture look alike")
+    return replace(lens, max_theta_deg=min(most_deg, plain.max_theta_deg))
 
 
 def _lens(section: _Section, sees_ball: bool) -> Lens:

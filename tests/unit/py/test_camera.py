@@ -106,9 +106,10 @@ def test_mask_and_response(tmp_path):
         ("[camera]", "[lens.9]", "section .camera. is missing"),
         (
             "projection = fisheye",
-            "projection = pinhole",
-            "pinhole: expected equirect, fisheye or ball",
+            "projection = cube",
+            "cube: expected equirect, fisheye, pinhole or ball",
         ),
+        ("projection = fisheye", "projection = pinhole", "pinhole with 2"),
         ("cx_px = 400", "cx_px = left", r"\[lens.0\] cx_px = left: expected a number"),
         ("fx_px = 230\n", "", r"\[lens.0\] fx_px is missing"),
         ("max_theta_deg = 97", "max_theta_deg = 0", "max_theta_deg"),
@@ -156,3 +157,59 @@ def test_packaged_files_are_read_and_say_what_was_tested(path):
         rim_px = lens.focal_px[0] * lens.radius(np.radians(lens.max_theta_deg))
         assert 0 < lens.centre_px[0] < loaded.width_px
         assert 0.25 * loaded.height_px < rim_px < 0.75 * loaded.height_px
+
+
+PHONE = """
+[camera]
+projection = pinhole
+width_px = 360
+height_px = 640
+[lens.0]
+cx_px = 182
+cy_px = 317
+fx_px = 500
+fy_px = 505
+"""
+
+
+def _phone(folder, more=""):
+    path = folder / "phone.camera"
+    path.write_text(PHONE + more)
+    return camera.load(str(path))
+
+
+def test_an_ordinary_camera_sees_the_tangent(tmp_path):
+    directions, illumination = _phone(tmp_path).look(360, 640)
+    right, up = (299.5 - 182) / 500, (317 - 199.5) / 505
+    assert directions[199, 299] == pytest.approx(geometry.normalize(np.array([right, up, -1])))
+    assert np.all(illumination == 1)
+
+
+def test_distortion_is_opencvs(tmp_path):
+    """What its function draws is looked along again; the first pixel's centre is (0.5, 0.5)."""
+    values = [0.1, -0.2, 0.001, -0.002, 0.05]
+    loaded = _phone(tmp_path, f"distortion = {values}\n".replace("[", "").replace("]", ""))
+    directions, _ = loaded.look(360, 640)
+    points = directions[::40, ::40].reshape(-1, 3) * [1, -1, -1]
+    matrix = np.array([[500, 0, 181.5], [0, 505, 316.5], [0, 0, 1]])
+    drawn, _ = cv2.projectPoints(points, np.zeros(3), np.zeros(3), matrix, np.array(values))
+    y, x = np.mgrid[0:640:40, 0:360:40]
+    assert drawn.reshape(-1, 2) == pytest.approx(np.stack([x, y], -1).reshape(-1, 2), abs=0.01)
+    lens = loaded.lenses[0]
+    places = np.stack(lens.place(directions), axis=-1)
+    assert places[100, 200] == pytest.approx([200.5, 100.5], abs=0.01)
+    assert np.isnan(lens.place(-directions[100, 200])[0])
+
+
+@pytest.mark.parametrize(
+    ("more", "message"),
+    [
+        ("k1 = 0.1", "which are of a fisheye"),
+        ("distortion = 0, 0, 0, 0, 0, 1", "k1, k2, p1, p2, k3"),
+        ("distortion = -4", "two places"),
+        ("distortion = some", "expected"),
+    ],
+)
+def test_bad_ordinary_cameras_are_named(tmp_path, more, message):
+    with pytest.raises(camera.CameraError, match=message):
+        _phone(tmp_path, more + "\n")
