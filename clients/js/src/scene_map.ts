@@ -44,21 +44,22 @@ export function coarseMap(coefficients: ArrayLike<number>, size = COARSE): Refle
   return { sequence: 0, bootId: 0, captureTimeUnixMs: 0, subscription: 0, kind: "AMBIENT", size, faces, orientation: undefined };
 }
 
-const mirrored = new Map<number, Int32Array>();
+const tables = new Map<string, Int32Array>();
 
-/** Which texel of a map of this size lies along each texel's direction with z negated. */
-function mirrorTable(size: number): Int32Array {
-  const known = mirrored.get(size);
+/** Which texel of a map of this size lies along each texel's direction with one of x, y, z negated. */
+function mirrorTable(size: number, axis: 0 | 2): Int32Array {
+  const name = `${size} ${axis}`, known = tables.get(name);
   if (known) return known;
   const towards = texelDirections(size);
-  const table = Int32Array.from({ length: 6 * size * size }, (_, i) => texelIndex(size, [towards[3 * i]!, towards[3 * i + 1]!, -towards[3 * i + 2]!]));
-  mirrored.set(size, table);
+  const at = (i: number, a: number): number => (a === axis ? -1 : 1) * towards[3 * i + a]!;
+  const table = Int32Array.from({ length: 6 * size * size }, (_, i) => texelIndex(size, [at(i, 0), at(i, 1), at(i, 2)]));
+  tables.set(name, table);
   return table;
 }
 
-/** The map in left-handed axes: +Z forward. */
-export function leftHandedMap(map: ReflectionMap): ReflectionMap {
-  const ofFace = map.size * map.size, table = mirrorTable(map.size);
+/** The map with x (0) or z (2) negated, for engines whose cube maps are in left-handed axes. */
+export function mirroredMap(map: ReflectionMap, axis: 0 | 2): ReflectionMap {
+  const ofFace = map.size * map.size, table = mirrorTable(map.size, axis);
   const faces = map.faces.map((_, face) => {
     const rgb = new Float32Array(3 * ofFace);
     for (let i = 0; i < ofFace; i++) {
