@@ -1,30 +1,33 @@
 // SPDX-License-Identifier: Apache-2.0
 /**
- * The components for react-three-fiber, A-Frame, Babylon.js and PlayCanvas in Chromium with a live daemon: a white ball against E(n)/π, a shadow, a mirror.
+ * The components for react-three-fiber, A-Frame, Babylon.js and PlayCanvas in Chromium with a live daemon: a white ball against E(n)/π, a shadow, a mirror;
+ * and the code of docs/users/first_light.md as it is printed.
  * Engines from npm (tests/engines/webxr), so `make test-webxr` runs it and `make test-js` does not.
  */
 import assert from "node:assert/strict";
-import { readFileSync } from "node:fs";
-import { resolve } from "node:path";
+import { mkdtempSync, readFileSync, writeFileSync } from "node:fs";
+import { tmpdir } from "node:os";
+import { join, resolve } from "node:path";
 import { after, afterEach, before, test } from "node:test";
 import type { Browser } from "playwright-core";
 import { irradiance, type Estimate, type Vec3 } from "../src/index.js";
 import { LONG_MS, launch } from "./chromium.js";
-import { AXIS_COLOURS, LiveDaemon, axesPanorama } from "./daemon.js";
+import { AXIS_COLOURS, LiveDaemon, axesPanorama, panorama } from "./daemon.js";
 import { ROOT } from "./golden.js";
 import { Pages, bundled, until, type Opened } from "./xr_pages.js";
 import type { BallSample } from "./page/xr_ball.js";
 
 const MODULES = resolve(ROOT, "build/webxr/node_modules"), MOST_OFF = 2 / 255;
 const AXES: Vec3[] = [[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]];
-const pages = new Pages(), lamp = new LiveDaemon(), axes = new LiveDaemon();
+const pages = new Pages(), lamp = new LiveDaemon(), axes = new LiveDaemon(), aside = new LiveDaemon();
 let browser: Browser;
 
 before(async () => {
   await pages.start();
   axes.picture = axesPanorama();
+  aside.picture = panorama(96); // its lamp is to the right
   const publish = (port: number): string => `ws:127.0.0.1:${port}?origins=${pages.origin}`;
-  await Promise.all([lamp.start(publish), axes.start(publish)]);
+  await Promise.all([lamp.start(publish), axes.start(publish), aside.start(publish)]);
   pages.serve("/aframe.js", readFileSync(resolve(MODULES, "aframe/dist/aframe-master.min.js"), "utf8"));
   pages.serve("/lightprobe-aframe.js", readFileSync(resolve(ROOT, "build/js/dist/lightprobe-aframe.js"), "utf8"));
   browser = await launch();
@@ -32,7 +35,7 @@ before(async () => {
 
 after(async () => {
   await browser?.close();
-  for (const daemon of [lamp, axes]) daemon.kill();
+  for (const daemon of [lamp, axes, aside]) daemon.kill();
   pages.stop();
 });
 
@@ -117,3 +120,44 @@ for (const [name, engine] of Object.entries(ENGINES)) {
     assert.deepEqual(opened.faults, []);
   });
 }
+
+const PAGE = readFileSync(resolve(ROOT, "docs/users/first_light.md"), "utf8");
+
+/** The one block of a part of the page, with the daemon's address. */
+function block(title: string): string {
+  const found = [...PAGE.split(`### ${title}\n`)[1]!.split("\n###")[0]!.matchAll(/```\w+\n(.*?)```/gs)];
+  assert.equal(found.length, 1, `blocks of ${title}`);
+  return found[0]![1]!.replace("ws://127.0.0.1:7701/", `ws://127.0.0.1:${aside.port}/`);
+}
+
+/** The page as printed, in a browser. */
+async function printed(title: string): Promise<Opened> {
+  const code = block(title);
+  if (code.startsWith("<!doctype"))
+    return pages.open(browser, { bare: true, script: "", body: code.replace("node_modules/aframe/dist/aframe-master.min.js", "aframe.js").replace("node_modules/lightprobe/dist/", "") });
+  const file = join(mkdtempSync(join(tmpdir(), "lp-first-")), "main.jsx"), src = resolve(ROOT, "build/js/dist/src");
+  writeFileSync(file, code);
+  const alias = { three: resolve(MODULES, "three"), ...Object.fromEntries(["react", "babylon", "playcanvas"].map((name) => [`lightprobe/${name}`, join(src, `${name}.js`)])) };
+  const script = await bundled(file, { nodePaths: [MODULES], alias, jsx: "automatic" });
+  return pages.open(browser, { bare: true, script, body: title === "react-three-fiber" ? '<div id="view"></div>' : '<canvas id="view" width="512" height="512"></canvas>' });
+}
+
+/** Green of the ball on the right and on the left, in the picture that is drawn next. */
+const sides = ({ page }: Opened): Promise<[number, number]> => page.evaluate(() => new Promise<[number, number]>((done) => requestAnimationFrame(() => {
+  const canvas = document.querySelector("canvas"), small = new OffscreenCanvas(64, 64).getContext("2d")!;
+  if (!canvas?.width) return done([0, 0]);
+  const size = Math.min(canvas.width, canvas.height);
+  small.drawImage(canvas, (canvas.width - size) / 2, (canvas.height - size) / 2, size, size, 0, 0, 64, 64);
+  const at = (x: number, y: number): number => small.getImageData(x, y, 1, 1).data[1]!;
+  done([at(38, 31), at(26, 31)]);
+})));
+
+for (const title of ["react-three-fiber", "A-Frame", "Babylon.js", "PlayCanvas"])
+  test(`first_light.md, ${title}: the page shows a ball, lit from the right`, { timeout: 3 * LONG_MS }, async () => {
+    const opened = await printed(title);
+    let seen: [number, number] = [0, 0];
+    for (const end = Date.now() + LONG_MS; Date.now() < end && !(seen[0] > 60 && seen[0] > 1.2 * seen[1]); await new Promise((done) => setTimeout(done, 50))) seen = await sides(opened);
+    console.log(`first_light.md, ${title}: green of the ball ${String(seen)}`);
+    assert.ok(seen[0] > 60 && seen[0] > 1.2 * seen[1], `right, left: ${String(seen)} ${opened.said.slice(0, 5).join()}`);
+    assert.deepEqual(opened.faults, []);
+  });

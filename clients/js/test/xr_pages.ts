@@ -39,7 +39,7 @@ export interface Wanted {
 }
 
 /** The code of test/page/FILE, or of another folder, for a script tag. */
-export async function bundled(file: string, more: { nodePaths?: string[]; alias?: Record<string, string> } = {}): Promise<string> {
+export async function bundled(file: string, more: { nodePaths?: string[]; alias?: Record<string, string>; jsx?: "automatic" } = {}): Promise<string> {
   const { outputFiles } = await build({ entryPoints: [file.startsWith("/") ? file : `test/page/${file}`], bundle: true, write: false, format: "iife", logLevel: "error", ...more });
   return outputFiles[0]!.text;
 }
