@@ -66,13 +66,12 @@ AFRAME.registerComponent("lightprobe", {
     this.el.sceneEl.systems.light.registerLight(this.el); // A-Frame's own default lights go
   },
   update(before) {
-    if (!this.light || FIXED.some((name) => before[name] !== this.data[name])) {
-      end(this);
-      this.light = make(this);
-    }
+    const isNew = !this.light || FIXED.some((name) => before[name] !== this.data[name]);
+    if (isNew) end(this);
+    this.light ??= make(this);
     const { strength, neutral, exposure, at } = this.data;
     Object.assign(this.light.shown, { strength, neutral });
-    if (before.exposure !== exposure || before.url !== this.data.url) this.light.shown.exposure = exposure === "auto" ? "auto" : Number(exposure);
+    if (isNew || before.exposure !== exposure) this.light.shown.exposure = exposure === "auto" ? "auto" : Number(exposure);
     this.light.at([at.x, at.y, at.z]);
   },
   tick() {
