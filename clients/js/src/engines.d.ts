@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 /**
- * What the components use of engines that are not installed for building this package. `make test-webxr` compiles the components against
+ * What the components use of engines that are not installed for building this package. `make test-components` compiles the components against
  * the engines' own types in place of these (tsconfig.engines.json). This file is not part of the package.
  */
 

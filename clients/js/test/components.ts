@@ -2,7 +2,7 @@
 /**
  * The components for react-three-fiber, A-Frame, Babylon.js and PlayCanvas in Chromium with a live daemon: a white ball against E(n)/π, a shadow, a mirror;
  * and the code of docs/users/first_light.md as it is printed.
- * Engines from npm (tests/engines/webxr), so `make test-webxr` runs it and `make test-js` does not.
+ * Engines from npm (tests/engines/webxr), so `make test-components` runs it and `make test-js` does not.
  */
 import assert from "node:assert/strict";
 import { mkdtempSync, readFileSync, writeFileSync } from "node:fs";
