@@ -53,11 +53,11 @@ $(WEBXR)/installed: tests/engines/webxr/package.json tests/engines/webxr/package
 
 .PHONY: test-webxr test-components bench-webxr
 test-webxr: build $(WEBXR)/installed ## test lightprobe-webxr.js in pages of Babylon.js, A-Frame and <model-viewer> (380 MB from npm)
-	@cd $(JS) && node --test dist/test/webxr_engines.js
+	@cd $(JS) && node dist/test/again.js dist/test/webxr_engines.js
 
 test-components: build $(WEBXR)/installed ## test the components for react-three-fiber, A-Frame, Babylon.js and PlayCanvas in their engines (380 MB from npm)
 	@cd $(JS) && node_modules/.bin/tsc --project tsconfig.engines.json
-	@cd $(JS) && node --test dist/test/components.js
+	@cd $(JS) && node dist/test/again.js dist/test/components.js
 
 bench-webxr: build $(call apt,web) ## print the size of lightprobe-webxr.js and what it takes of a frame, in Chromium with graphics in software
 	@cd $(JS) && node dist/test/webxr_times.js
