@@ -14,7 +14,7 @@ $(JS)/installed: clients/js/package.json clients/js/package-lock.json clients/js
 
 $(JS)/built: $(JS)/installed $(JS_SOURCES) proto/lightprobe.proto proto/ranges.toml proto/ranges.py proto/ranges_code.py
 	@rm -rf $(JS)/src $(JS)/test $(JS)/web $(JS)/proto $(JS)/dist
-	@cp -r clients/js/src clients/js/test clients/js/tsconfig.json $(JS)
+	@cp -r clients/js/src clients/js/test clients/js/tsconfig.json clients/js/tsconfig.engines.json $(JS)
 	@mkdir -p $(JS)/src/gen $(JS)/proto && cp -r web $(JS)/web && cp proto/lightprobe.proto $(JS)/proto
 	@$(PYTHON) proto/ranges_code.py --typescript $(JS)/src/gen/ranges.ts
 	@cd $(JS) && npm run --silent generate && npm run --silent build && npm run --silent bundle
@@ -43,7 +43,7 @@ soak-page: build $(call apt,web) $(BUILD)/scenes/blender.stamp ## show the live 
 web-pictures: build $(call apt,web) $(BUILD)/scenes/blender.stamp ## take pictures of the viewer in Chromium, on a desktop and on a phone: docs/users/web_*.jpg, or in PICTURES=folder
 	@cd $(JS) && node dist/test/pictures.js
 
-# Babylon.js, A-Frame and <model-viewer>, to read lightprobe-webxr.js.
+# Engines from npm: Babylon.js, A-Frame and <model-viewer>, to read lightprobe-webxr.js; these, react-three-fiber and PlayCanvas for the components.
 WEBXR := $(BUILD)/webxr
 $(WEBXR)/installed: tests/engines/webxr/package.json tests/engines/webxr/package-lock.json tests/engines/webxr/.npmrc | $(call apt,web)
 	@echo 'npm: tests/engines/webxr'
@@ -51,9 +51,13 @@ $(WEBXR)/installed: tests/engines/webxr/package.json tests/engines/webxr/package
 	@cd $(@D) && npm ci --silent
 	@touch $@
 
-.PHONY: test-webxr bench-webxr
-test-webxr: build $(WEBXR)/installed ## test lightprobe-webxr.js in pages of Babylon.js, A-Frame and <model-viewer> (250 MB from npm)
+.PHONY: test-webxr test-components bench-webxr
+test-webxr: build $(WEBXR)/installed ## test lightprobe-webxr.js in pages of Babylon.js, A-Frame and <model-viewer> (380 MB from npm)
 	@cd $(JS) && node dist/test/again.js dist/test/webxr_engines.js
+
+test-components: build $(WEBXR)/installed ## test the components for react-three-fiber, A-Frame, Babylon.js and PlayCanvas in their engines (380 MB from npm)
+	@cd $(JS) && node_modules/.bin/tsc --project tsconfig.engines.json
+	@cd $(JS) && node dist/test/again.js dist/test/components.js
 
 bench-webxr: build $(call apt,web) ## print the size of lightprobe-webxr.js and what it takes of a frame, in Chromium with graphics in software
 	@cd $(JS) && node dist/test/webxr_times.js

@@ -128,9 +128,10 @@ $(BABYLON)/page.bundle.js: $(wildcard tests/engines/babylon/*) tests/engines/bab
 	@cd $(@D) && node_modules/.bin/esbuild page.js --bundle --outfile=page.bundle.js --log-level=warning
 
 .PHONY: test-engines
-test-engines: build $(BABYLON)/page.bundle.js ## read exported files in Babylon.js (108 MB from npm), test lightprobe-webxr.js in pages of other engines, and the Blender extension (350 MB from PyPI)
+test-engines: build $(BABYLON)/page.bundle.js ## read exported files in Babylon.js (108 MB from npm), test lightprobe-webxr.js and the components in pages of other engines, and the Blender extension (350 MB from PyPI)
 	@$(VENV)/bin/pytest -q -s tests/engines/test_babylon.py
 	@$(MAKE) test-webxr
+	@$(MAKE) test-components
 	@$(MAKE) test-blender
 
 test-all: test-unit test-python test-js test-csharp

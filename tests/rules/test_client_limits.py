@@ -39,7 +39,7 @@ NUMBERS = {
         ("host_py/lightprobe/drained.py", r"TURNS = ", 1)]),
     "longest step of a fade, s": (0.1, [
         (PAGE, r"No step of a fade is longer than ", 1),
-        ("clients/js/src/three.ts", r"MOST_STEP_S = ", 1),
+        ("clients/js/src/fading.ts", r"MOST_STEP_S = ", 1),
         ("clients/csharp/Unity/LightProbeReceiver.cs", r"MostStepS = ", 1),
         ("clients/blender/addon/fade.py", r"MOST_STEP_S = ", 1)]),
 }  # fmt: skip

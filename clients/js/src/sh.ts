@@ -71,6 +71,19 @@ export function radiance(coefficients: ArrayLike<number>, direction: Vec3): [num
   return dot(coefficients, basis(orderOf(coefficients), direction));
 }
 
+/** Weights of terms of the unit normal x, y, z: 1, x, y, z, xy, yz, zx, 3z² − 1, x² − y²; RGB. */
+export type Polynomial = Record<"one" | "x" | "y" | "z" | "xy" | "yz" | "zx" | "zz" | "xx", [number, number, number]>;
+
+/** E(n) / π of the first nine coefficients, as shaders compute it. */
+export function polynomial(coefficients: ArrayLike<number>): Polynomial {
+  const term = (i: number, weight: number): [number, number, number] => [0, 1, 2].map((c) => weight * (coefficients[3 * i + c] ?? 0)) as [number, number, number];
+  const first = 0.32573500793527993, second = 0.2731371076480198; // A_l / π times the constants of the basis
+  return {
+    one: term(0, 0.28209479177387814), x: term(3, first), y: term(1, first), z: term(2, first), xy: term(4, second), yz: term(5, second), zx: term(7, second),
+    zz: term(6, 0.07884789131313001), xx: term(8, second / 2),
+  };
+}
+
 /** Add a lamp of this irradiance at normal incidence, as a point. */
 export function addLamp(coefficients: number[], direction: Vec3, light: Vec3): void {
   const weights = basis(orderOf(coefficients), direction);

@@ -1,41 +1,27 @@
 // SPDX-License-Identifier: Apache-2.0
 /** For three.js: a group that lights the scene with a probe's light. Several lamps, soft shadows, no jumps. */
 
-import { CubeReflectionMapping, CubeTexture, DataTexture, DataUtils, DirectionalLight, EquirectangularReflectionMapping, FloatType, Group, HalfFloatType, LightProbe, Mesh, MeshLambertMaterial, MultiplyBlending, LinearFilter, LinearSRGBColorSpace, Quaternion, RGBAFormat, Vector3 } from "three";
-import type { BufferGeometry, Object3DEventMap } from "three";
-import { besideSh, fallbackEstimate, LightFlag } from "./estimate.js";
-import type { Estimate, Light, Vec3 } from "./estimate.js";
+import { CubeReflectionMapping, CubeTexture, DataTexture, DataUtils, DirectionalLight, EquirectangularReflectionMapping, FloatType, Group, HalfFloatType, LightProbe, Mesh, MeshLambertMaterial, MultiplyBlending, LinearFilter, LinearSRGBColorSpace, Quaternion, RGBAFormat } from "three";
+import { PMREMGenerator, Vector3, type BufferGeometry, type Object3DEventMap, type Scene, type WebGLRenderer } from "three";
+import type { Probe } from "./client.js";
+import type { Estimate, Vec3 } from "./estimate.js";
+import { Feed, type FeedOptions } from "./feed.js";
+import type { Slot } from "./fading.js";
 import { largest, type ReflectionMap } from "./reflection.js";
 import * as sh from "./sh.js";
+import { ShownLight, type LightOptions } from "./shown_light.js";
+import { inverse } from "./turn.js";
 
-export interface ProbeLightOptions {
-  /** Lamps at once. Their number is fixed, because three.js compiles its shaders for it. */
-  lamps?: number;
-  /** Time constant of changes, in seconds. */
-  fadeS?: number;
-  /** What to show before the first and after the last estimate, given the last; default: fallbackEstimate. */
-  fallback?: (last: Estimate | undefined) => Estimate;
+export interface ProbeLightOptions extends LightOptions {
+  /** Default true. */
   castShadow?: boolean;
+  /** Pixels along an edge of a lamp's shadow map; default 1024. */
   shadowMapSize?: number;
-  /** Half the width of the region with shadows, in metres. */
+  /** Half the width of the region with shadows, in metres; default 1.5. */
   shadowRegionM?: number;
   /** Height of what casts shadows, in metres: a shadow's edge is as wide as 2 height tan(angular radius). */
   shadowHeightM?: number;
 }
-
-interface Slot {
-  light: DirectionalLight;
-  /** Of the lamp that it shows, with the boot; undefined: free. */
-  key: string | undefined;
-  direction: Vector3;
-  irradiance: Vector3;
-  radiusDeg: number;
-  target: { direction: Vector3; irradiance: Vector3; radiusDeg: number };
-}
-
-const DARK = 1e-4;
-/** After a pause of the page a fade goes on from where it was: one step is never longer. */
-const MOST_STEP_S = 0.1;
 
 /** As XREstimatedLight's: there is light from now on; there is none any more. */
 export interface ProbeLightEvents extends Object3DEventMap {
@@ -54,155 +40,156 @@ export class ProbeLight extends Group<ProbeLightEvents> {
   readonly ambient = new LightProbe();
   /** Takes a direction in the scene to the probe's axes: how the probe stands in the scene. */
   readonly toProbe = new Quaternion();
+  /** What is shown: `strength`, `neutral`, `at()` are set here. */
+  readonly shown: ShownLight;
 
-  readonly #slots: Slot[] = [];
-  readonly #options: Required<ProbeLightOptions>;
-  #coefficients: number[] = Array.from({ length: 27 }, () => 0);
-  readonly #normal = new Vector3();
-  #lastS: number | undefined;
-  #isLit = false;
-  #last: Estimate | undefined;
-  #fallback: Estimate | undefined;
+  readonly #lights: DirectionalLight[] = [];
+  readonly #options: Required<Omit<ProbeLightOptions, keyof LightOptions>>;
 
-  constructor(options: ProbeLightOptions = {}) {
+  /** `exposure`: where the options have none. */
+  constructor(options: ProbeLightOptions = {}, exposure: number | "auto" = 1) {
     super();
-    this.#options = {
-      lamps: 4, fadeS: 0.15, castShadow: true, shadowMapSize: 1024, shadowRegionM: 1.5, shadowHeightM: 0.3,
-      fallback: fallbackEstimate, ...options,
-    };
+    const { castShadow = true, shadowMapSize = 1024, shadowRegionM = 1.5, shadowHeightM = 0.3 } = options;
+    this.#options = { castShadow, shadowMapSize, shadowRegionM, shadowHeightM };
+    this.shown = new ShownLight(options, exposure);
+    this.toProbe.fromArray(inverse(this.shown.turn));
     this.add(this.ambient);
-    for (let i = 0; i < this.#options.lamps; i++) this.#slots.push(this.#makeSlot());
+    for (let i = 0; i < this.shown.lamps; i++) this.#lights.push(this.#makeLight());
   }
 
   /** The directional lights, shown or not. */
   get lamps(): readonly DirectionalLight[] {
-    return this.#slots.map((slot) => slot.light);
+    return [...this.#lights];
   }
 
   /** Move on towards an estimate (undefined: the fallback) by the time that has passed; `timeS` of any clock. */
   update(estimate: Estimate | undefined, timeS: number): void {
-    if (this.#lastS === undefined && !estimate && !this.#last) this.set(undefined); // nothing was shown that it could fade from
-    const passedS = this.#lastS === undefined ? 0 : Math.min(MOST_STEP_S, Math.max(0, timeS - this.#lastS));
-    this.#lastS = timeS;
-    this.#step(estimate, 1 - Math.exp(-passedS / this.#options.fadeS));
-  }
-
-  #step(known: Estimate | undefined, share: number): void {
-    const estimate = known ?? (this.#fallback ??= this.#options.fallback(this.#last));
-    if (known) [this.#last, this.#fallback] = [known, undefined];
-    if (this.#isLit !== (known !== undefined)) {
-      this.#isLit = !this.#isLit;
-      this.dispatchEvent({ type: this.#isLit ? "estimationstart" : "estimationend" });
-    }
-    this.#aim(estimate);
-    for (const slot of this.#slots) this.#move(slot, share);
-    const coefficients = this.#turned(estimate);
-    this.#coefficients = this.#coefficients.map((value, i) => value + share * ((coefficients[i] ?? 0) - value));
-    this.ambient.sh.fromArray(this.#coefficients);
-  }
-
-  /** Irradiance of what is shown now on a surface with this normal, both in the scene's axes. */
-  irradiance(normal: Vec3): [number, number, number] {
-    const sum = sh.irradiance(this.#coefficients, normal);
-    for (const { direction, irradiance } of this.#slots) {
-      const cosine = Math.max(0, direction.dot(this.#normal.set(...normal)));
-      irradiance.toArray().forEach((value, c) => { sum[c]! += cosine * value; });
-    }
-    return sum;
+    this.#turn();
+    this.#present(this.shown.update(estimate, timeS));
   }
 
   /** Show an estimate at once; undefined: the fallback. */
   set(estimate: Estimate | undefined): void {
-    this.#step(estimate, 1);
-    this.#lastS = undefined;
+    this.#turn();
+    this.#present(this.shown.set(estimate));
+  }
+
+  /** Irradiance of what is shown now on a surface with this normal, both in the scene's axes. */
+  irradiance(normal: Vec3): [number, number, number] {
+    return this.shown.irradiance(normal);
+  }
+
+  /** Show the light of a place: x, y, z in metres from the probe, axes of the scene; undefined: where the probe is. */
+  at(positionM: Vec3 | undefined): void {
+    this.shown.at(positionM);
   }
 
   /** For slower machines. */
   setShadowMapSize(pixels: number): void {
     this.#options.shadowMapSize = pixels;
-    for (const { light } of this.#slots) {
-      light.shadow.mapSize.set(pixels, pixels);
-      light.shadow.map?.dispose();
-      light.shadow.map = null;
+    for (const { shadow } of this.#lights) {
+      shadow.mapSize.set(pixels, pixels);
+      shadow.map?.dispose();
+      shadow.map = null;
+      shadow.needsUpdate = true;
     }
   }
 
   override dispose(): void {
-    for (const slot of this.#slots) slot.light.dispose();
+    for (const light of this.#lights) light.dispose();
   }
 
-  #makeSlot(): Slot {
+  #turn(): void {
+    this.shown.turn = inverse(this.toProbe.toArray());
+  }
+
+  #present(hasChanged: boolean): void {
+    if (hasChanged) this.dispatchEvent({ type: this.shown.isLit ? "estimationstart" : "estimationend" });
+    this.#lights.forEach((light, i) => this.#aim(light, this.shown.slots[i]));
+    this.ambient.sh.fromArray(Array.from(this.shown.coefficients));
+  }
+
+  #makeLight(): DirectionalLight {
     const light = new DirectionalLight(0xffffff, 0);
     const { castShadow, shadowMapSize, shadowRegionM } = this.#options;
     light.castShadow = castShadow;
     light.shadow.mapSize.set(shadowMapSize, shadowMapSize);
     Object.assign(light.shadow.camera, { left: -shadowRegionM, right: shadowRegionM, top: shadowRegionM, bottom: -shadowRegionM, near: 0.1, far: 20 });
     light.shadow.normalBias = 0.01;
+    light.shadow.needsUpdate = true; // once also in the dark: shaders read the maps of all lights
     this.add(light, light.target);
-    const direction = new Vector3(0, 1, 0);
-    return {
-      light, key: undefined, direction, irradiance: new Vector3(), radiusDeg: 1,
-      target: { direction: direction.clone(), irradiance: new Vector3(), radiusDeg: 1 },
-    };
+    return light;
   }
 
-  /** Which slot shows which lamp, and what it is on its way to. A lamp keeps its slot while it lasts. */
-  #aim(estimate: Estimate): void {
-    const lights = besideSh(estimate).slice(0, this.#slots.length);
-    const wanted = new Map(lights.map((light) => [`${estimate.bootId}/${light.id}`, light]));
-    for (const slot of this.#slots) {
-      const light = slot.key === undefined ? undefined : wanted.get(slot.key);
-      if (light) {
-        this.#setTarget(slot, light);
-        wanted.delete(slot.key!);
-      } else {
-        slot.target.irradiance.set(0, 0, 0);
-        if (slot.irradiance.length() < DARK || slot.key === undefined) slot.key = undefined;
-      }
-    }
-    for (const [key, light] of wanted) {
-      const slot = this.#slots.find((one) => one.key === undefined) ?? this.#darkest(new Set(lights.map((one) => `${estimate.bootId}/${one.id}`)));
-      if (!slot) continue;
-      slot.key = key;
-      this.#setTarget(slot, light);
-      slot.direction.copy(slot.target.direction); // a new lamp begins where it is, dark
-      slot.irradiance.set(0, 0, 0);
-      slot.radiusDeg = slot.target.radiusDeg;
-    }
-  }
-
-  /** Of the slots whose lamp has gone and still fades, the one that is nearest to its end. */
-  #darkest(present: Set<string>): Slot | undefined {
-    return this.#slots.filter((slot) => !present.has(slot.key ?? "")).sort((a, b) => a.irradiance.length() - b.irradiance.length())[0];
-  }
-
-  #setTarget(slot: Slot, light: Light): void {
-    slot.target.direction.set(...light.direction).applyQuaternion(this.toProbe.clone().invert());
-    slot.target.irradiance.set(...light.irradiance);
-    slot.target.radiusDeg = light.angularRadiusDeg;
-    slot.light.castShadow = this.#options.castShadow && !(light.flags & LightFlag.REFLECTION);
-  }
-
-  #move(slot: Slot, share: number): void {
-    const { light, target } = slot;
-    slot.irradiance.lerp(target.irradiance, share);
-    slot.direction.lerp(target.direction, share);
-    if (slot.direction.lengthSq() < 1e-6) slot.direction.copy(target.direction); // opposite: no way between
-    slot.direction.normalize();
-    slot.radiusDeg += share * (target.radiusDeg - slot.radiusDeg);
-    const strength = Math.max(slot.irradiance.x, slot.irradiance.y, slot.irradiance.z);
+  /** Makes a light what its slot shows; undefined: none has been needed yet. */
+  #aim(light: DirectionalLight, slot: Slot | undefined): void {
+    const [r, g, b] = slot?.irradiance ?? [0, 0, 0], strength = Math.max(r, g, b);
     light.intensity = strength;
     light.shadow.autoUpdate = strength > 0; // the shadow of no light is not drawn
-    if (strength > 0) light.color.setRGB(slot.irradiance.x / strength, slot.irradiance.y / strength, slot.irradiance.z / strength, LinearSRGBColorSpace);
-    light.position.copy(slot.direction).multiplyScalar(10).add(light.target.position);
+    light.castShadow = this.#options.castShadow && !slot?.isReflection;
+    if (!slot) return;
+    if (strength > 0) light.color.setRGB(r / strength, g / strength, b / strength, LinearSRGBColorSpace);
+    light.position.set(...slot.direction).multiplyScalar(10).add(light.target.position);
     const { shadowHeightM, shadowRegionM, shadowMapSize } = this.#options;
-    const penumbraM = 2 * shadowHeightM * Math.tan((Math.min(slot.radiusDeg, 40) * Math.PI) / 180);
+    const penumbraM = 2 * shadowHeightM * Math.tan((Math.min(slot.angularRadiusDeg, 40) * Math.PI) / 180);
     light.shadow.radius = Math.max(1, ((penumbraM / 2) * shadowMapSize) / (2 * shadowRegionM));
   }
+}
 
-  #turned(estimate: Estimate): number[] {
-    const vector = new Vector3();
-    return sh.rotate(estimate.sh.coefficients, (d) => vector.set(...d).applyQuaternion(this.toProbe).toArray() as unknown as Vec3);
+/**
+ * A ProbeLight with a connection of its own. With `reflections` (default), the map is `scene.environment`: physical materials then have the
+ * ambient light from it, once, and materials without an environment (Lambert, Phong, toon) have lamps alone: choose `reflections: false` for them.
+ * @example
+ * const light = new LiveProbeLight({ url: "ws://127.0.0.1:7701/" });
+ * scene.add(light);
+ * renderer.setAnimationLoop((ms) => { light.frame(ms / 1000, renderer, scene); renderer.render(scene, camera); });
+ */
+export class LiveProbeLight extends ProbeLight {
+  readonly #feed: Feed;
+  #filter: PMREMGenerator | undefined;
+  #filtered: { scene: Scene; target: ReturnType<PMREMGenerator["fromCubemap"]> } | undefined;
+
+  /** Connects; throws what Probe does. */
+  constructor(options: ProbeLightOptions & FeedOptions = {}) {
+    super(options, "auto");
+    this.#feed = new Feed(options, this.shown);
+  }
+
+  get probe(): Probe {
+    return this.#feed.probe;
+  }
+
+  override at(positionM: Vec3 | undefined): void {
+    this.#feed.at(positionM);
+  }
+
+  /** Once in every frame, before it is drawn; `timeS` of any clock that is never set. */
+  frame(timeS: number, renderer: WebGLRenderer, scene: Scene): void {
+    this.update(this.probe.latest(), timeS);
+    const found = this.#feed.changedMap();
+    if (!found) return;
+    this.#filter ??= new PMREMGenerator(renderer);
+    const { texture, intensity } = reflectionTexture(found.map), target = this.#filter.fromCubemap(texture);
+    texture.dispose();
+    this.#forget();
+    this.#filtered = { scene, target };
+    scene.environment = target.texture;
+    scene.environmentIntensity = intensity * found.gain;
+    this.ambient.intensity = 0;
+  }
+
+  #forget(): void {
+    if (this.#filtered?.scene.environment === this.#filtered?.target.texture && this.#filtered) this.#filtered.scene.environment = null;
+    this.#filtered?.target.dispose();
+    this.#filtered = undefined;
+  }
+
+  /** Ends its own connection, and takes its environment out of the scene. */
+  override dispose(): void {
+    this.#feed.close();
+    this.#forget();
+    this.#filter?.dispose();
+    super.dispose();
   }
 }
 

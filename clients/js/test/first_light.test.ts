@@ -13,9 +13,10 @@ import { ROOT } from "./golden.js";
 
 const PAGE = readFileSync(resolve(ROOT, "docs/users/first_light.md"), "utf8");
 
-/** The one block of this language. */
+/** The one block of this language in the part about three.js; other engines' are run by components.ts. */
 function block(language: string): string {
-  const found = [...PAGE.matchAll(new RegExp("```" + language + "\\n(.*?)```", "gs"))];
+  const [part] = PAGE.split("## A web page with three.js")[1]!.split("\n## ");
+  const found = [...part!.matchAll(new RegExp("```" + language + "\\n(.*?)```", "gs"))];
   assert.equal(found.length, 1, `blocks of ${language}`);
   return found[0]![1]!;
 }

@@ -2,7 +2,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 import { Quaternion, Vector3 } from "three";
-import { fallbackEstimate, irradiance, LightFlag, meanIrradiance, sh, type Light, type Vec3 } from "../src/index.js";
+import { estimateAt, fallbackEstimate, irradiance, LightFlag, meanIrradiance, sh, type Light, type Vec3 } from "../src/index.js";
 import { ProbeLight } from "../src/three.js";
 import { lightEstimate } from "../src/webxr.js";
 import { decode } from "../src/wire.js";
@@ -193,4 +193,54 @@ test("a pause of the page is no long step of a fade", () => {
   light.update(lit, 1);
   light.update(undefined, 4);
   assert.ok(shown(light)[0]! > 20, `${shown(light)[0]} of 40 in the first frame after 3 s`);
+});
+
+const ambient = (value: number): number[] => Array.from({ length: 27 }, (_, i) => (i < 3 ? value : 0.1 * value * Math.sin(i)));
+
+test("strength multiplies all light, and it fades to another strength", () => {
+  const lit = estimate([lamp(1, [0.6, 0.8, 0], [3, 2, 1])], ambient(1.5)), light = new ProbeLight({ strength: 0.5 });
+  light.set(lit);
+  for (const n of NORMALS) irradiance(lit, n).forEach((value, c) => assert.ok(Math.abs(light.irradiance(n)[c]! - 0.5 * value) < 1e-9));
+  light.shown.strength = 2;
+  light.update(lit, 1);
+  light.update(lit, 1.01);
+  const [up] = light.irradiance([0, 1, 0]), [wanted] = irradiance(lit, [0, 1, 0]);
+  assert.ok(up > 0.5 * wanted && up < 0.8 * wanted, `${up} of ${wanted}`);
+  for (const wrong of [-1, NaN]) assert.throws(() => { light.shown.strength = wrong; }, RangeError);
+  assert.throws(() => new ProbeLight({ neutral: 1.5 }), RangeError);
+});
+
+test("neutral goes over to a grey light of the same mean irradiance", () => {
+  const lit = estimate([lamp(1, [0.6, 0.8, 0], [3, 2, 1])], ambient(1.5)), grey = fallbackEstimate(lit);
+  for (const neutral of [0, 0.3, 1]) {
+    const light = new ProbeLight({ neutral });
+    light.set(lit);
+    for (const n of NORMALS)
+      irradiance(lit, n).forEach((value, c) => assert.ok(Math.abs(light.irradiance(n)[c]! - (1 - neutral) * value - neutral * irradiance(grey, n)[c]!) < 1e-9));
+  }
+  const light = new ProbeLight({ neutral: 1 });
+  light.set(lit);
+  assert.ok(Math.abs(irradiance(grey, [1, 0, 0])[0] - meanIrradiance(lit)) < 1e-9 && sum(light) === 0);
+});
+
+test("at a place, the light is that of estimateAt, however the probe stands", () => {
+  const near = { ...lamp(1, [0.6, 0.8, 0], [3, 2, 1]), distanceM: 2, distanceSigma: 0.1 }, lit = estimate([near], ambient(1.5));
+  const light = new ProbeLight({ yawDeg: 90, at: [0, 0.5, -1] }); // the scene's −Z is to the right of the probe's: its +X
+  light.set(lit);
+  const there = estimateAt(lit, [1, 0.5, 0]);
+  for (const n of NORMALS) irradiance(there, n).forEach((value, c) => assert.ok(Math.abs(light.irradiance([n[2], n[1], -n[0]])[c]! - value) < 1e-9));
+  light.at(undefined);
+  light.set(lit);
+  assert.ok(Math.abs(light.irradiance([0, 1, 0])[0] - irradiance(lit, [0, 1, 0])[0]) < 1e-9);
+  assert.throws(() => light.at([0, NaN, 0]), RangeError);
+});
+
+test("exposure: a factor, or such that white is about half of full brightness", () => {
+  const lit = estimate([lamp(1, [0, 1, 0], [300, 300, 300])], ambient(150));
+  const fixed = new ProbeLight({ exposure: 0.01 }), own = new ProbeLight({ exposure: "auto" });
+  for (const light of [fixed, own]) light.set(lit);
+  assert.ok(Math.abs(shown(fixed)[0]! - 0.01 * irradiance(lit, [0, 1, 0])[1]) < 1e-9);
+  assert.ok(Math.abs((shown(own)[0]! / irradiance(lit, [0, 1, 0])[1]) * meanIrradiance(lit) - Math.PI / 2) < 1e-9);
+  own.set(undefined); // the fallback is as bright as the last light
+  assert.ok(Math.abs(shown(own)[1]! - Math.PI / 2) < 1e-9);
 });

@@ -4,14 +4,14 @@ import assert from "node:assert/strict";
 import { test } from "node:test";
 import { DataUtils } from "three";
 import { halfFloat, srgbCode } from "../src/cube.js";
+import { Exposure } from "../src/exposure.js";
+import { sceneLight } from "../src/fading.js";
 import { fallbackEstimate, irradiance, meanIrradiance, reflected, type Estimate, type ReflectionMap, type Vec3 } from "../src/index.js";
 import { reflectionMapTurned } from "../src/reflection_place.js";
 import { adapted, adaptedMap } from "../src/shim/engine.js";
-import { Exposure } from "../src/shim/exposure.js";
 import { Fading, type Shown } from "../src/shim/fading.js";
 import { readOptions } from "../src/shim/options.js";
-import { sceneLight } from "../src/shim/source.js";
-import { fromYaw, inverse, turned, type Quaternion } from "../src/shim/turn.js";
+import { fromYaw, inverse, turned, type Quaternion } from "../src/turn.js";
 import { estimate, lamp } from "./lights.js";
 
 const NORMALS: Vec3[] = Array.from({ length: 80 }, (_, i) => {

@@ -25,8 +25,8 @@ export interface Opened {
 }
 
 export interface Wanted {
-  /** Attributes of the script tag, as HTML. */
-  tag: string;
+  /** Attributes of the script tag of lightprobe-webxr.js, as HTML; undefined: the page is without it. */
+  tag?: string;
   /** Code of the page. */
   script: string;
   /** HTML before the code. */
@@ -39,7 +39,7 @@ export interface Wanted {
 }
 
 /** The code of test/page/FILE, or of another folder, for a script tag. */
-export async function bundled(file: string, more: { nodePaths?: string[] } = {}): Promise<string> {
+export async function bundled(file: string, more: { nodePaths?: string[]; alias?: Record<string, string>; jsx?: "automatic" } = {}): Promise<string> {
   const { outputFiles } = await build({ entryPoints: [file.startsWith("/") ? file : `test/page/${file}`], bundle: true, write: false, format: "iife", logLevel: "error", ...more });
   return outputFiles[0]!.text;
 }
@@ -91,7 +91,7 @@ export class Pages {
   async open(browser: Browser, { tag, script, body = "", bare = false, host = "localhost", hash = "" }: Wanted): Promise<Opened> {
     const path = `/${++this.#count}`;
     this.serve(`${path}.js`, script);
-    this.serve(`${path}.html`, `<!doctype html><link rel="icon" href="data:,"><title>page</title><body><script src="lightprobe-webxr.js" ${tag}></script>${body}<script src="${path}.js"></script>`);
+    this.serve(`${path}.html`, `<!doctype html><link rel="icon" href="data:,"><title>page</title><body>${tag === undefined ? "" : `<script src="lightprobe-webxr.js" ${tag}></script>`}${body}<script src="${path}.js"></script>`);
     const page = await browser.newPage({ viewport: { width: 360, height: 360 } });
     this.#open.push(page);
     const opened: Opened = { page, faults: [], said: [], sockets: [] };

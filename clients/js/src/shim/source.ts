@@ -2,32 +2,21 @@
 /** The light of a probe for one WebXR session: in its axes, as bright as a page shows it, and there as long as the session is. */
 
 import { Probe } from "../client.js";
-import { besideSh, fallbackEstimate, meanIrradiance, type Estimate } from "../estimate.js";
-import { largest, texelDirections, type ReflectionMap } from "../reflection.js";
+import { fallbackEstimate, meanIrradiance, type Estimate } from "../estimate.js";
+import { Exposure } from "../exposure.js";
+import { sceneLight, type SceneLight } from "../fading.js";
+import type { ReflectionMap } from "../reflection.js";
 import { reflectionMapTurned } from "../reflection_place.js";
-import * as sh from "../sh.js";
-import { Exposure } from "./exposure.js";
-import { Fading, type SceneLight, type Shown } from "./fading.js";
+import { COARSE_PERIOD_MS, coarseMap, isAsBefore, type SceneMap } from "../scene_map.js";
+import { fromYaw, inverse, SAME, type Quaternion } from "../turn.js";
+import { Fading, type Shown } from "./fading.js";
 import type { ShimOptions } from "./options.js";
-import { fromYaw, inverse, SAME, turned, type Quaternion } from "./turn.js";
-
-/** A map in the session's axes. */
-export interface SceneMap {
-  map: ReflectionMap;
-  /** Another number for other texels. */
-  key: number;
-  /** Factor on its radiance. */
-  gain: number;
-}
 
 /** Where the head is and how it is turned, in the session's space. */
 export interface HeadPose {
   orientation: Quaternion;
   positionM: [number, number, number];
 }
-
-/** A map that is made of SH has so many texels along an edge, and comes so often. */
-const COARSE = 16, COARSE_PERIOD_MS = 200;
 
 export class LightSource {
   readonly probe: Probe;
@@ -123,42 +112,4 @@ export class LightSource {
     this.#map = { map, gain, key: (this.#map?.key ?? 0) + 1 };
     this.#onMap();
   }
-}
-
-/** No texel has changed by more than this share of the brightest: engines filter each new map, which takes them long. */
-const UNCHANGED = 0.002;
-
-/** It is the same light, within {@link UNCHANGED}. */
-export function isAsBefore(before: SceneMap, map: ReflectionMap, gain: number): boolean {
-  if (before.map.size !== map.size) return false;
-  const most = UNCHANGED * gain * largest(map);
-  for (let face = 0; face < 6; face++) {
-    const now = map.faces[face]!, old = before.map.faces[face]!;
-    for (let i = 0; i < now.length; i++) if (Math.abs(gain * now[i]! - before.gain * old[i]!) > most) return false;
-  }
-  return true;
-}
-
-/** An estimate in axes into which `turn` turns its own, times `gain`. */
-export function sceneLight(estimate: Estimate, turn: Quaternion, gain: number): SceneLight {
-  const back = inverse(turn);
-  return {
-    coefficients: sh.rotate(estimate.sh.coefficients, (d) => turned(back, d)).map((value) => gain * value),
-    lamps: besideSh(estimate).map(({ id, direction, irradiance: [r, g, b] }) => (
-      { key: `${estimate.bootId}/${id}`, direction: turned(turn, direction), irradiance: [gain * r, gain * g, gain * b] })),
-  };
-}
-
-/** What SH of radiance say of each direction, nowhere below 0. */
-function coarseMap(coefficients: ArrayLike<number>): ReflectionMap {
-  const towards = texelDirections(COARSE), texels = COARSE * COARSE;
-  const faces = Array.from({ length: 6 }, (_, face) => {
-    const rgb = new Float32Array(3 * texels);
-    for (let i = 0; i < texels; i++) {
-      const at = 3 * (face * texels + i), light = sh.radiance(coefficients, [towards[at]!, towards[at + 1]!, towards[at + 2]!]);
-      rgb.set(light.map((value) => Math.max(0, value)), 3 * i);
-    }
-    return rgb;
-  });
-  return { sequence: 0, bootId: 0, captureTimeUnixMs: 0, subscription: 0, kind: "AMBIENT", size: COARSE, faces, orientation: undefined };
 }

@@ -2,7 +2,7 @@
 /** A WebXR page without an engine, as the specification's examples are. Called by shim.test.ts. */
 
 import { reflectionMapTurned } from "../../src/reflection_place.js";
-import { isAsBefore } from "../../src/shim/source.js";
+import { isAsBefore } from "../../src/scene_map.js";
 import type { LightprobeWebXR } from "../../src/shim/main.js";
 import type { XRLightEstimate, XRLightProbe } from "../../src/shim/interfaces.js";
 

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 /** Turned axes, as unit quaternions x, y, z, w. */
 
-import type { Vec3 } from "../sh.js";
+import type { Vec3 } from "./sh.js";
 
 export type Quaternion = [number, number, number, number];
 
