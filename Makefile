@@ -8,6 +8,7 @@ VENV := $(BUILD)/venv
 STAMPS := $(BUILD)/stamps
 PYTHON ?= python3
 JOBS ?= $(shell nproc)
+BITS ?= $(shell getconf LONG_BIT)
 SECONDS ?=
 CAMERA ?=
 
@@ -43,9 +44,14 @@ include tests/arm64/arm64.mk
 include tests/debian/debian.mk
 -include $(wildcard firmware/firmware.mk hw/hw.mk)
 
-.PHONY: setup build demo test check format clean
+.PHONY: setup supported build demo test check format clean
 
-setup: setup-build setup-python ## install what building and testing need (apt, venv); fast when nothing is missing
+# Times and sizes are of 64 bits all through, and what a 32-bit system would need is tested nowhere.
+supported:
+	@[ '$(BITS)' = 64 ] || { echo 'setup: this system has $(BITS) bits, and lightprobe needs one of 64 (amd64 or arm64):' \
+		'on a Raspberry Pi 3 to 5 install the 64-bit Raspberry Pi OS' >&2; exit 2; }
+
+setup: supported setup-build setup-python ## install what building and testing need (apt, venv); fast when nothing is missing
 
 build: setup ## build the daemon, the Python package, the viewer, the firmware
 	@$(MAKE) -j$(JOBS) daemon python firmware web

@@ -86,3 +86,11 @@ def test_nothing_of_another_processor_is_installed():
     lists = "".join(path.read_text() for path in (ROOT / "packaging/apt").glob("*.txt"))
     assert re.findall(r"^[^#\n]*:[a-z0-9]+", lists, re.M) == []
     assert "--add-architecture" not in (ROOT / "packaging/apt-install").read_text()
+
+
+def test_a_32_bit_system_is_told_before_anything_is_installed():
+    command = ["make", "--silent", "BITS=32", "setup"]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=60)
+    assert done.returncode == 2
+    assert done.stderr.startswith("setup: this system has 32 bits")
+    assert done.stdout == ""
