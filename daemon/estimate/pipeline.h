@@ -30,7 +30,7 @@ enum lp_preset { LP_PRESET_FAST, LP_PRESET_BALANCED, LP_PRESET_ACCURATE, LP_PRES
 enum lp_orientation_kind {
 	LP_ORIENTATION_NONE,   /* it never turns */
 	LP_ORIENTATION_VISUAL, /* from its own frames */
-	LP_ORIENTATION_SIM,    /* besides, frames of the simulator carry it */
+	LP_ORIENTATION_FRAMES, /* besides, frames carry it: the simulator's, and recorded ones */
 	LP_ORIENTATION_CLIENT, /* besides, a client's poses tell it: frames are stamped */
 	LP_ORIENTATION_SENSOR, /* besides, a gyroscope tells turns: frames are stamped */
 };

@@ -223,7 +223,7 @@ int lp_pipeline_create(const struct lp_pipeline_options *options, struct lp_pipe
 	lp_ring_stage_init(&p->ring, &options->scale);
 	for (int k = 0; k < p->camera_count && ret == 0; k++)
 		ret = lp_camera_create(options->cameras[k], &p->cameras[k].geometry);
-	if (ret == 0 && (options->orientation == LP_ORIENTATION_SIM ||
+	if (ret == 0 && (options->orientation == LP_ORIENTATION_FRAMES ||
 			 options->orientation == LP_ORIENTATION_CLIENT))
 		ret = lp_room_create(&p->room);
 	if (ret == 0)

@@ -307,7 +307,7 @@ struct lp_estimate_orientation lp_pipeline_orientation(struct lp_pipeline *p, in
 
 	note_drift(p, &turn, t_ns);
 	o.left_out = told.left_out;
-	if (p->options.orientation == LP_ORIENTATION_SIM ||
+	if (p->options.orientation == LP_ORIENTATION_FRAMES ||
 	    p->options.orientation == LP_ORIENTATION_CLIENT) {
 		o.known = o.world = told.known && !o.left_out;
 		o.places_left_out = lp_lamp_memory_doubts_places(&p->lamps.memory);

@@ -465,7 +465,7 @@ static void test_frames_that_carry_nothing(void **state)
 	struct lp_frame frame = {.orientation = {NAN, NAN, NAN, NAN}};
 
 	(void)teardown(state);
-	assert_int_equal(setup_kind(LP_ORIENTATION_SIM), 0);
+	assert_int_equal(setup_kind(LP_ORIENTATION_FRAMES), 0);
 	for (int n = 0; n < 20; n++) {
 		lp_orientation_frame(&teller, &frame);
 		pass_ms(100);

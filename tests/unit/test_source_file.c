@@ -324,6 +324,48 @@ static void test_destroy_while_frames_wait(void **state)
 
 #define FILE_TEST(test) cmocka_unit_test_setup_teardown(test, setup, teardown)
 
+static void test_recorded_poses_go_with_the_pictures(void **state)
+{
+	static const char poses[] = "10 1 2 3 0 0 0 1\n10.1 2 2 3 0 1 0 0\n";
+	char query[160];
+
+	(void)state;
+	write_file("a.grey", grey, 12);
+	write_file("poses.txt", poses, strlen(poses));
+	(void)snprintf(query, sizeof(query),
+		       "?size=2x2&rate=10&pose_sigma_deg=2&poses=%s/poses.txt", folder);
+	assert_int_equal(create("a.grey", query, false), 0);
+	assert_int_equal(lp_source_file_ops.start(source), 0);
+	pump(5);
+	for (int i = 0; i < 5; i++) {
+		const struct lp_frame *frame = heard.frames[i];
+
+		/* Three pictures, two poses, and again from the beginning. */
+		assert_int_equal(isnan(frame->orientation[0]), i == 2);
+		if (i == 2)
+			continue;
+		assert_true(frame->orientation[3] == (i % 3 == 0 ? 1.0F : 0.0F));
+		assert_true(frame->orientation_sigma_deg == 2.0F);
+		assert_true(frame->position_m[0] == (i % 3 == 0 ? 1.0 : 2.0));
+		assert_true(frame->position_sigma_m == 0.01F);
+	}
+}
+
+static void test_poses_that_cannot_be_read_are_an_error_of_start(void **state)
+{
+	char query[160];
+
+	(void)state;
+	write_file("a.grey", grey, 12);
+	write_file("poses.txt", "none\n", 5);
+	(void)snprintf(query, sizeof(query), "?size=2x2&poses=%s/poses.txt", folder);
+	assert_int_equal(create("a.grey", query, false), 0);
+	assert_int_equal(lp_source_file_ops.start(source), -EBADMSG);
+	destroy();
+	(void)snprintf(query, sizeof(query), "?size=2x2&rate=0&poses=%s/poses.txt", folder);
+	assert_int_equal(create("a.grey", query, false), -EINVAL);
+}
+
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
@@ -337,6 +379,8 @@ int main(void)
 		FILE_TEST(test_truncated_frame_is_marked_corrupt),
 		FILE_TEST(test_a_broken_file_in_the_folder),
 		FILE_TEST(test_destroy_while_frames_wait),
+		FILE_TEST(test_recorded_poses_go_with_the_pictures),
+		FILE_TEST(test_poses_that_cannot_be_read_are_an_error_of_start),
 	};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);

@@ -200,7 +200,7 @@ void lp_orientation_frame(struct lp_orientation_teller *teller, struct lp_frame 
 	const int64_t t_ns = lp_frame_time(frame, frame->exposure_us).middle_ns;
 	struct lp_track_reading reading;
 
-	if (teller->kind == LP_ORIENTATION_SIM && !isnan(frame->orientation[0]))
+	if (teller->kind == LP_ORIENTATION_FRAMES && !isnan(frame->orientation[0]))
 		teller->t_sample_ns = lp_clock_ns();
 	if (teller->kind < LP_ORIENTATION_CLIENT)
 		return; /* what the frame itself carries stays */
@@ -259,9 +259,9 @@ static const char *silence(enum lp_orientation_kind kind)
 	switch (kind) {
 	case LP_ORIENTATION_CLIENT:
 		return NO_POSE;
-	case LP_ORIENTATION_SIM:
+	case LP_ORIENTATION_FRAMES:
 		return "orientation: receive: no frame has carried its orientation for a second — "
-		       "only the simulator's do: --source=sim:";
+		       "only those of sim:, and of file: with poses, do";
 	default:
 		return NO_SAMPLE;
 	}
@@ -271,7 +271,7 @@ void lp_orientation_tick(struct lp_orientation_teller *teller, int64_t now_ns)
 {
 	char text[160];
 
-	if (teller->kind < LP_ORIENTATION_SIM)
+	if (teller->kind < LP_ORIENTATION_FRAMES)
 		return;
 	const bool silent = is_silent(teller, now_ns) && now_ns - teller->t_start_ns > SILENCE_NS;
 	const bool late = !silent && teller->t_unstamped_ns &&

@@ -16,6 +16,7 @@
 #include "base/pool.h"
 #include "base/stop.h"
 #include "base/uri.h"
+#include "drivers/source/file/pose_file.h"
 #include "drivers/source/file/reader.h"
 #include "drivers/source/frames.h"
 #include "drivers/source/outbox.h"
@@ -23,6 +24,7 @@
 
 /* One being read, one read ahead, one waiting for the worker, and those it holds. */
 #define FRAMES (LP_FRAMES_HELD + 3)
+#define PATH_BYTES 1024
 
 /* The query of the URI. `format` counts as enum lp_encoding. */
 struct options {
@@ -32,6 +34,8 @@ struct options {
 	struct lp_size size_px; /* raw formats */
 	struct lp_floats exposures_us, wheel_deg;
 	float gain;
+	char poses[PATH_BYTES];
+	float pose_sigma_deg, pose_sigma_m;
 };
 
 static const char *const formats[] = {"auto", "mjpeg", "yuyv", "nv12", "grey", "pfm", "jpeg", NULL};
@@ -51,6 +55,14 @@ static const struct lp_param list[] = {
 	 .help = "angle of the polarizer in each picture, in turn; none: unknown"},
 	{"gain", LP_PARAM_FLOAT, offsetof(struct options, gain), .min = 1e-6, .max = 1e6,
 	 .help = "gain of all pictures, a linear factor; none: from Exif, else unknown"},
+	{"poses", LP_PARAM_TEXT, offsetof(struct options, poses), .initial = "", .max = PATH_BYTES,
+	 .help = "file of the camera's recorded poses (TUM's or EuRoC's form), the first one of "
+		 "the "
+		 "first picture: --orientation=frames; none: not known"},
+	{"pose_sigma_deg", LP_PARAM_FLOAT, offsetof(struct options, pose_sigma_deg),
+	 .initial = "0.3", .min = 0.001, .max = 90, .help = "1 sigma of their rotation"},
+	{"pose_sigma_m", LP_PARAM_FLOAT, offsetof(struct options, pose_sigma_m), .initial = "0.01",
+	 .max = 1000, .help = "1 sigma of their place along each axis; 0: they have no places"},
 };
 static const struct lp_params params = LP_PARAMS(list);
 
@@ -59,6 +71,7 @@ struct source_file {
 	struct options options;
 	char *path, *object; /* "file: PATH" */
 	struct lp_file_reader *reader;
+	struct lp_pose_file *poses; /* NULL: none */
 	struct lp_pool *frames;
 	struct lp_source_outbox *outbox;
 	pthread_t thread;
@@ -82,6 +95,17 @@ struct progress {
 	struct lp_owned_frame *ahead; /* read, not delivered: it may turn out to be the last */
 };
 
+/* How the camera was turned, and where it was, in one of the pictures. */
+static void stamp_pose(const struct source_file *self, int picture, struct lp_frame *frame)
+{
+	const double t_s = (double)picture / (double)self->options.rate_hz;
+
+	if (!lp_pose_file_at(self->poses, t_s, frame->orientation, frame->position_m))
+		return;
+	frame->orientation_sigma_deg = self->options.pose_sigma_deg;
+	frame->position_sigma_m = self->options.pose_sigma_m;
+}
+
 static void stamp(struct source_file *self, struct progress *progress, struct lp_frame *frame)
 {
 	const struct lp_floats *exposures = &self->options.exposures_us;
@@ -98,6 +122,8 @@ static void stamp(struct source_file *self, struct progress *progress, struct lp
 		frame->wheel_deg = angles->values[progress->in_pass % angles->count];
 		frame->wheel_sigma_deg = LP_STATED_ANGLE_SIGMA_DEG;
 	}
+	if (self->poses)
+		stamp_pose(self, progress->in_pass, frame);
 	progress->in_pass++;
 	progress->usable_in_pass += !(frame->flags & LP_FRAME_CORRUPT);
 }
@@ -238,6 +264,7 @@ static void file_destroy(struct lp_source *source)
 	lp_source_outbox_destroy(self->outbox);
 	lp_pool_destroy(self->frames);
 	lp_file_reader_destroy(self->reader);
+	lp_pose_file_destroy(self->poses);
 	lp_stop_finish(&self->stop);
 	free(self->object);
 	free(self->path);
@@ -265,7 +292,13 @@ static int file_create(const struct lp_uri *uri, const struct lp_source_host *ho
 		ret = -EINVAL;
 		goto err_destroy;
 	}
+	if (self->options.poses[0] && !(self->options.rate_hz > 0)) {
+		lp_error(uri->text, "parse", "poses have times, and so must pictures: give rate");
+		ret = -EINVAL;
+		goto err_destroy;
+	}
 	if (host->once) {
+		self->options.poses[0] = '\0';
 		self->options.loop = false;
 		self->options.rate_hz = 0;
 	}
@@ -290,6 +323,8 @@ static int file_start(struct lp_source *source)
 					self->options.size_px.width, self->options.size_px.height,
 					&self->reader);
 
+	if (ret == 0 && self->options.poses[0])
+		ret = lp_pose_file_read(self->options.poses, &self->poses);
 	if (ret == 0)
 		ret = lp_source_outbox_start(self->outbox, source);
 	if (ret < 0)
