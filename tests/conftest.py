@@ -1,6 +1,7 @@
 """Shared by all Python tests."""
 
 import os
+import signal
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,14 @@ from hypothesis.database import DirectoryBasedExampleDatabase
 ROOT = Path(__file__).resolve().parents[1]
 BUILD = ROOT / "build"
 GATE = "CI" in os.environ
+
+# What runs in the background of a shell, or under nohup, starts with these ignored, and so would
+# every program that a test starts and then ends by them.
+for number, handler in (
+    (signal.SIGINT, signal.default_int_handler), (signal.SIGHUP, signal.SIG_DFL),
+):  # fmt: skip
+    if signal.getsignal(number) is signal.SIG_IGN:
+        signal.signal(number, handler)
 
 # No deadlines: the machine may be busy. What a failure needs to be seen again lies under build/.
 # Every run looks at other examples; a gate ($CI) at the same ones, so that it judges the change.

@@ -48,12 +48,6 @@ def assert_sane(log: str) -> None:
 # ---------------------------------------------------------------- the daemon
 
 
-def _as_in_a_terminal() -> None:
-    """Signals end the daemon, also when the tests themselves run under nohup."""
-    for number in (signal.SIGINT, signal.SIGHUP):
-        signal.signal(number, signal.SIG_DFL)
-
-
 class Daemon:
     """lightprobed in a folder of its own; by default sanitized, on a Unix socket."""
 
@@ -80,7 +74,7 @@ class Daemon:
                 stdin=subprocess.DEVNULL,
                 stderr=log,
                 env=environment,
-                **({"stdout": subprocess.PIPE, "preexec_fn": _as_in_a_terminal} | self.popen),
+                **({"stdout": subprocess.PIPE} | self.popen),
             )
         return self
 

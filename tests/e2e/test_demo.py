@@ -79,8 +79,6 @@ def test_ctrl_c_ends_it_well(tmp_path):
         stderr=subprocess.PIPE,
         text=True,
         start_new_session=True,
-        # What runs in the background of a shell starts with Ctrl-C ignored.
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
     )
     deadline = time.monotonic() + LONG_S
     while not list(tmp_path.glob("*.png")) and time.monotonic() < deadline:

@@ -104,8 +104,6 @@ def test_ctrl_c_in_the_middle_of_the_start(words, stage, tmp_path):
     process = subprocess.Popen(
         [LIGHTPROBE, *words.split()], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
         cwd=tmp_path, start_new_session=True,
-        # What runs in the background of a shell starts with Ctrl-C ignored.
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
     )  # fmt: skip
     deadline = time.monotonic() + LONG_S
     while process.poll() is None and not stage(process):

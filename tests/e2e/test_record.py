@@ -56,8 +56,6 @@ def replayed(file, *options):
     process = subprocess.Popen(
         [LIGHTPROBE, "replay", file, "--publish", f"tcp:127.0.0.1:{tcp}",
          "--publish", f"ws:127.0.0.1:{web}", *options], stderr=subprocess.PIPE, text=True,
-        # What runs in the background of a shell starts with Ctrl-C ignored.
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
     )  # fmt: skip
     said = []
     try:
@@ -350,7 +348,6 @@ def test_ctrl_c_ends_replay_without_a_traceback_whoever_is_connected(recorded):
     process = subprocess.Popen(
         [LIGHTPROBE, "replay", recorded[0], "--publish", f"tcp:127.0.0.1:{port}"],
         stderr=subprocess.PIPE, text=True,
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
     )  # fmt: skip
     assert f":{port}" in process.stderr.readline()
     with Client(("127.0.0.1", port)) as client, ProbeClient(f"tcp:127.0.0.1:{port}") as other:
