@@ -1,4 +1,4 @@
-"""A recording with the camera's poses: `file:FOLDER?poses=FILE`, light in the world of the poses."""
+"""A recording with poses: `file:FOLDER?poses=FILE`, light in the world of the poses."""
 
 from __future__ import annotations
 
