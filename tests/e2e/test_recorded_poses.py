@@ -80,3 +80,50 @@ def test_poses_of_another_sense_are_not_believed(recording: Path, tmp_path: Path
     with packets(recording, wrong) as estimates:
         told = [one for one, _ in zip(estimates, range(110), strict=False)]
     assert all(one.frame == "PROBE" for one in told[50:])
+
+
+#: An ordinary camera, which sees 60° of a textured wall.
+PINHOLE = """
+[camera]
+projection = pinhole
+width_px = 240
+height_px = 180
+[lens.0]
+cx_px = 120
+cy_px = 90
+fx_px = 208
+fy_px = 208
+"""
+
+
+def test_a_pose_that_leaps_away_while_the_picture_stays_is_not_believed(tmp_path: Path) -> None:
+    """An app that recentres: where the camera then seems to look, nobody has seen anything."""
+    random = np.random.default_rng(3)
+    wall = np.full((180, 240, 3), 90, np.uint8)
+    for _ in range(120):
+        x, y = random.integers(0, 220), random.integers(0, 160)
+        colour = [int(value) for value in random.integers(20, 200, 3)]
+        cv2.rectangle(wall, (x, y), (x + int(random.integers(5, 30)), y + 15), colour, -1)
+    pictures = tmp_path / "pictures"
+    pictures.mkdir()
+    count, leaps_at, rows = 150, 60, []
+    for number in range(count):
+        noisy = np.clip(wall + random.normal(0, 1.5, wall.shape), 0, 255).astype(np.uint8)
+        (pictures / f"{number}.jpg").write_bytes(jpeg(noisy, quality=97))
+        half = np.radians(90 if number >= leaps_at else 0) / 2
+        rows.append(f"{number / RATE_HZ:.6f} 0 0 0 0 {np.sin(half)} 0 {np.cos(half)}")
+    (tmp_path / "poses.txt").write_text("\n".join(rows))
+    (tmp_path / "wall.camera").write_text(PINHOLE)
+    query = f"rate={RATE_HZ}&poses={tmp_path / 'poses.txt'}&pose_sigma_m=0&exposures_us=1000&loop=0"
+    with (
+        Daemon(
+            f"--source=file:{pictures}?{query}", f"--camera={tmp_path / 'wall.camera'}",
+            "--orientation=frames",
+        ) as daemon,
+        Client(f"unix:{daemon.socket}", Subscription(frame="WORLD", smoothing="RAW")) as client,
+    ):  # fmt: skip
+        frames = [
+            one.frame for one, _ in zip(client.estimates(60), range(count - 15), strict=False)
+        ]
+    assert frames[20:50].count("WORLD") > 25
+    assert frames[leaps_at + 5 :].count("WORLD") == 0

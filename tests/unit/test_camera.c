@@ -443,12 +443,19 @@ static void test_broken_files(void **state)
 		 "3\n",
 		 "max_theta_deg"},
 		{"[camera]\nprojection = fisheye\nwidth_px = 64\nheight_px = 64\n[lens.0]\n"
-		 "fx_px = 20\nfy_px = 20\nmax_theta_deg = 90\nk1 = -3\n",
+		 "cx_px = 32\ncy_px = 32\nfx_px = 20\nfy_px = 20\nmax_theta_deg = 90\nk1 = -3\n",
 		 "stops growing"},
 		{PHONE "k1 = 0.1\n", "projection = pinhole needs one"},
+		{"[camera]\nprojection = pinhole\nwidth_px = 360\nheight_px = 640\n[lens.0]\n"
+		 "cx_px = 180\nfx_px = 500\nfy_px = 505\n",
+		 ""}, /* it has just been said */
+		{"[camera]\nprojection = fisheye\nwidth_px = 64\nheight_px = 64\n[lens.0]\n"
+		 "fx_px = 20\nfy_px = 20\nmax_theta_deg = 90\n",
+		 ""}, /* likewise */
 		{PHONE "distortion = -4\n", "two places"},
 		{"[camera]\nprojection = fisheye\nwidth_px = 64\nheight_px = 64\n[lens.0]\n"
-		 "fx_px = 20\nfy_px = 20\nmax_theta_deg = 90\ndistortion = 0.1\n",
+		 "cx_px = 32\ncy_px = 32\nfx_px = 20\nfy_px = 20\nmax_theta_deg = 90\n"
+		 "distortion = 0.1\n",
 		 "of projection = pinhole"},
 		{"[camera]\nprojection = equirect\n[response]\ntable = /nonexistent.txt\n",
 		 "/nonexistent.txt"},

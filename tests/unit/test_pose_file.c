@@ -5,17 +5,34 @@
 #include <errno.h>
 #include <math.h>
 #include <stdio.h>
+#include <stdlib.h>
+#include <sys/stat.h>
+#include <unistd.h>
 
 #include "drivers/source/file/pose_file.h"
 
-static const char path[] = "/tmp/lp-poses-test.txt";
+static char path[] = "/tmp/lp-poses-XXXXXX";
 static struct lp_pose_file *file;
 
-static int teardown(void **state)
+static int setup(void **state)
+{
+	const int fd = mkstemp(path);
+
+	(void)state;
+	return fd < 0 ? -1 : close(fd);
+}
+
+static int forget(void **state)
 {
 	(void)state;
 	lp_pose_file_destroy(file);
 	file = NULL;
+	return 0;
+}
+
+static int teardown(void **state)
+{
+	(void)state;
 	return remove(path);
 }
 
@@ -132,19 +149,23 @@ static void test_what_is_no_pose_is_refused(void **state)
 	}
 	assert_int_equal(lp_pose_file_read("/no/such/file", &file), -ENOENT);
 	assert_int_equal(lp_pose_file_read("/tmp", &file), -EISDIR);
+	assert_int_equal(lp_pose_file_read("/dev/zero", &file), -ESPIPE);
+	assert_int_equal(remove(path), 0);
+	assert_int_equal(mkfifo(path, 0600), 0);
+	assert_int_equal(lp_pose_file_read(path, &file), -ESPIPE);
 }
 
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
-		cmocka_unit_test_teardown(test_tums_form, teardown),
-		cmocka_unit_test_teardown(test_eurocs_form_with_more_columns, teardown),
+		cmocka_unit_test_teardown(test_tums_form, forget),
+		cmocka_unit_test_teardown(test_eurocs_form_with_more_columns, forget),
 		cmocka_unit_test_teardown(test_nothing_is_known_beyond_the_ends_and_in_gaps,
-					  teardown),
-		cmocka_unit_test_teardown(test_one_pose_is_of_one_moment, teardown),
-		cmocka_unit_test_teardown(test_many_poses, teardown),
-		cmocka_unit_test_teardown(test_what_is_no_pose_is_refused, teardown),
+					  forget),
+		cmocka_unit_test_teardown(test_one_pose_is_of_one_moment, forget),
+		cmocka_unit_test_teardown(test_many_poses, forget),
+		cmocka_unit_test_teardown(test_what_is_no_pose_is_refused, forget),
 	};
 
-	return cmocka_run_group_tests(tests, NULL, NULL);
+	return cmocka_run_group_tests(tests, setup, teardown);
 }

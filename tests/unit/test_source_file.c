@@ -351,6 +351,25 @@ static void test_recorded_poses_go_with_the_pictures(void **state)
 	}
 }
 
+static void test_a_picture_that_cannot_be_read_shifts_no_pose(void **state)
+{
+	static const char poses[] = "0 1 2 3 0 0 0 1\n.1 2 2 3 0 0 0 1\n.2 3 2 3 0 0 0 1\n";
+	char query[160];
+
+	(void)state;
+	write_file("1.grey", "1111", 4);
+	write_file("2.grey", "", 0);
+	write_file("3.grey", "3333", 4);
+	write_file("poses.txt", poses, strlen(poses));
+	(void)snprintf(query, sizeof(query), "?size=2x2&rate=10&poses=%s/poses.txt", folder);
+	assert_int_equal(create("", query, false), 0);
+	assert_int_equal(lp_source_file_ops.start(source), 0);
+	pump(3);
+	assert_true(heard.frames[0]->position_m[0] == 1.0);
+	assert_true(heard.frames[1]->position_m[0] == 3.0);
+	assert_true(heard.frames[2]->position_m[0] == 1.0);
+}
+
 static void test_poses_that_cannot_be_read_are_an_error_of_start(void **state)
 {
 	char query[160];
@@ -380,6 +399,7 @@ int main(void)
 		FILE_TEST(test_a_broken_file_in_the_folder),
 		FILE_TEST(test_destroy_while_frames_wait),
 		FILE_TEST(test_recorded_poses_go_with_the_pictures),
+		FILE_TEST(test_a_picture_that_cannot_be_read_shifts_no_pose),
 		FILE_TEST(test_poses_that_cannot_be_read_are_an_error_of_start),
 	};
 

@@ -115,8 +115,11 @@ export class ProbeLight {
     const texture = textureOf(this.#scene, map), before = this.#environment;
     try {
       await this.#filter.prefilter(texture);
-    } finally {
-      this.#isFiltering = false;
+      this.#isFiltering = false; // a graphics card that cannot blur is not asked again: reflections stay as they are
+    } catch (error) {
+      console.warn("lightprobe: reflections are not shown: their map cannot be blurred", error);
+      texture.dispose();
+      return;
     }
     if (this.#isDisposed) {
       texture.dispose();

@@ -91,7 +91,7 @@ export class Fading {
 
   #share(nowS: number): number {
     const passedS = this.#lastS === undefined ? 0 : nowS - this.#lastS;
-    if (this.#lastS === undefined || passedS >= SAME_FRAME_S) this.#lastS = nowS;
+    if (this.#lastS === undefined || passedS >= SAME_FRAME_S || passedS < 0) this.#lastS = nowS; // below 0: another clock
     if (this.#isNew) return 1;
     if (!(passedS >= SAME_FRAME_S)) return 0;
     const stepS = Math.min(passedS, Math.max(MOST_STEP_S, this.#passedS));

@@ -6,7 +6,7 @@ import { createElement, useEffect, useState, type ReactElement } from "react";
 import { LiveProbeLight, type ProbeLightOptions } from "./three.js";
 import type { FeedOptions } from "./feed.js";
 
-/** `strength`, `neutral`, `exposure` and `at` may change from frame to frame; a change of another one connects anew. */
+/** `strength`, `neutral`, `exposure` and `at` may change from frame to frame; a change of another one connects anew, but for `fallback`, which counts as it is then. */
 export type ProbeLightProps = ProbeLightOptions & FeedOptions;
 
 /** Connects while it is mounted. Errors of an address that is none go to the next error boundary. */

@@ -141,12 +141,12 @@ export class ShownLight {
 
   /**
    * What shiny things mirror: the probe's AMBIENT map in the axes of the scene, from its place, with the share of grey; times `gain` it is in
-   * the scene's units. Without a map, or while the fallback is shown: a coarse one of the SH that are shown.
+   * the scene's units. Without a map of this boot, or while the fallback is shown: a coarse one of the SH that are shown.
    */
   reflection(map: ReflectionMap | undefined): { map: ReflectionMap; gain: number } {
     const estimate = this.#last;
-    if (!map || !this.#isLit || !estimate) return { map: coarseMap(this.coefficients), gain: 1 };
-    const moved = estimate.room && this.#placeM ? reflectionMapAt(map, estimate.room, this.#placeOf(estimate), estimate.frame) : map;
+    if (!map || !this.#isLit || !estimate || map.bootId !== estimate.bootId) return { map: coarseMap(this.coefficients), gain: 1 };
+    const moved = estimate.room && this.#placeM && (map.orientation || estimate.frame !== "WORLD") ? reflectionMapAt(map, estimate.room, this.#placeOf(estimate), estimate.frame) : map;
     const turn = (estimate.frame === "WORLD" && map.orientation) || this.turn;
     const there = turn[3] === 1 ? moved : reflectionMapTurned(moved, inverse(turn));
     if (this.#neutral === 0) return { map: there, gain: this.gain };

@@ -147,7 +147,9 @@ export class ProbeLight extends Group<ProbeLightEvents> {
 export class LiveProbeLight extends ProbeLight {
   readonly #feed: Feed;
   #filter: PMREMGenerator | undefined;
-  #filtered: { scene: Scene; target: ReturnType<PMREMGenerator["fromCubemap"]> } | undefined;
+  /** The environment that is shown, and what the scene had before. */
+  #filtered: { scene: Scene; target: ReturnType<PMREMGenerator["fromCubemap"]>; before: Scene["environment"]; intensity: number } | undefined;
+  #isDisposed = false;
 
   /** Connects; throws what Probe does. */
   constructor(options: ProbeLightOptions & FeedOptions = {}) {
@@ -165,6 +167,7 @@ export class LiveProbeLight extends ProbeLight {
 
   /** Once in every frame, before it is drawn; `timeS` of any clock that is never set. */
   frame(timeS: number, renderer: WebGLRenderer, scene: Scene): void {
+    if (this.#isDisposed) return;
     this.update(this.probe.latest(), timeS);
     const found = this.#feed.changedMap();
     if (!found) return;
@@ -172,20 +175,23 @@ export class LiveProbeLight extends ProbeLight {
     const { texture, intensity } = reflectionTexture(found.map), target = this.#filter.fromCubemap(texture);
     texture.dispose();
     this.#forget();
-    this.#filtered = { scene, target };
+    this.#filtered = { scene, target, before: scene.environment, intensity: scene.environmentIntensity };
     scene.environment = target.texture;
     scene.environmentIntensity = intensity * found.gain;
     this.ambient.intensity = 0;
   }
 
   #forget(): void {
-    if (this.#filtered?.scene.environment === this.#filtered?.target.texture && this.#filtered) this.#filtered.scene.environment = null;
-    this.#filtered?.target.dispose();
+    if (!this.#filtered) return;
+    const { scene, target, before, intensity } = this.#filtered;
+    if (scene.environment === target.texture) Object.assign(scene, { environment: before, environmentIntensity: intensity });
+    target.dispose();
     this.#filtered = undefined;
   }
 
   /** Ends its own connection, and takes its environment out of the scene. */
   override dispose(): void {
+    this.#isDisposed = true;
     this.#feed.close();
     this.#forget();
     this.#filter?.dispose();

@@ -34,6 +34,12 @@ test("three that fail are no accident", () => assert.deepEqual(ran("three", { a:
 
 test("where nothing fails nothing is said", () => assert.deepEqual(ran("well", { well: WELL }), { status: 0, lines: [] }));
 
+test("a file that dies is run once more, whole", () => {
+  const { status, lines } = ran("dies", { first: "", dies: "if (runs === 1) process.exit(3);" });
+  assert.equal(status, 0);
+  assert.equal(lines.at(-1), "tests: 1 failed, and run once more, alone");
+});
+
 test("a file that does not load is run once more, and has failed", () => {
   const { status, lines } = ran("broken", { broken: "}" });
   assert.equal(status, 1);

@@ -235,6 +235,21 @@ test("at a place, the light is that of estimateAt, however the probe stands", ()
   assert.throws(() => light.at([0, NaN, 0]), RangeError);
 });
 
+test("a reflection map of an earlier boot is not shown, and a clock that goes back holds nothing up", () => {
+  const lit = estimate([lamp(1, [0, 1, 0], [3, 2, 1])], ambient(1.5)), light = new ProbeLight();
+  light.set(lit);
+  const faces = Array.from({ length: 6 }, () => new Float32Array(3).fill(7));
+  const map = { sequence: 1, bootId: lit.bootId, captureTimeUnixMs: 0, subscription: 0, kind: "AMBIENT" as const, size: 1, faces, orientation: undefined };
+  assert.equal(light.shown.reflection(map).map.faces[0]![0], 7);
+  assert.notEqual(light.shown.reflection({ ...map, bootId: lit.bootId + 1 }).map.faces[0]![0], 7);
+  const dark = estimate([], ambient(0));
+  light.update(dark, 1000);
+  light.update(dark, 1);
+  light.update(dark, 1.1);
+  light.update(dark, 1.2);
+  assert.ok(light.irradiance([0, 1, 0])[0] < 0.5 * irradiance(lit, [0, 1, 0])[0]);
+});
+
 test("exposure: a factor, or such that white is about half of full brightness", () => {
   const lit = estimate([lamp(1, [0, 1, 0], [300, 300, 300])], ambient(150));
   const fixed = new ProbeLight({ exposure: 0.01 }), own = new ProbeLight({ exposure: "auto" });

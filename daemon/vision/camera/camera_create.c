@@ -172,7 +172,7 @@ static int set_lens(struct lp_camera *camera, struct lp_lens *lens, const char *
 				 .k = {f->k1, f->k2, f->k3, f->k4},
 				 .max_theta_rad = f->max_theta_deg * (float)M_PI / 180.0F};
 	memcpy(lens->rolloff, f->rolloff.values, sizeof(lens->rolloff));
-	if (!f->fx_px || !f->fy_px || !f->max_theta_deg) {
+	if (isnan(f->cx_px) || isnan(f->cy_px) || !f->fx_px || !f->fy_px || !f->max_theta_deg) {
 		lp_error(path, "camera file",
 			 "[lens.%d] needs cx_px, cy_px, fx_px, fy_px and "
 			 "max_theta_deg",
@@ -248,8 +248,9 @@ static bool is_plain(const struct lp_camera_file *f)
 {
 	const struct lp_lens_fields *l = &f->lens[0];
 
-	return l->present && l->fx_px > 0.0F && l->fy_px > 0.0F && l->k1 == 0.0F && l->k2 == 0.0F &&
-	       l->k3 == 0.0F && l->k4 == 0.0F && !f->lens[1].present;
+	return l->present && !isnan(l->cx_px) && !isnan(l->cy_px) && l->fx_px > 0.0F &&
+	       l->fy_px > 0.0F && l->k1 == 0.0F && l->k2 == 0.0F && l->k3 == 0.0F &&
+	       l->k4 == 0.0F && !f->lens[1].present;
 }
 
 /* An ordinary camera. */

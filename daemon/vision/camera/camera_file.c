@@ -223,6 +223,8 @@ int lp_camera_file_read(const char *name_or_path, struct lp_camera_file **file)
 	if (!self)
 		return -ENOMEM;
 	self->read_out_ms = NAN;
+	for (int k = 0; k < LP_MAX_LENSES; k++)
+		self->lens[k].cx_px = self->lens[k].cy_px = NAN;
 	if (strcmp(name_or_path, "equirect") == 0) {
 		self->projection = LP_EQUIRECT;
 		(void)snprintf(self->name, sizeof(self->name), "equirect");

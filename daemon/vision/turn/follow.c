@@ -127,19 +127,21 @@ static bool predict_by_imu(const struct lp_imager *imager, double elapsed_s,
 	return true;
 }
 
-/* Whether the picture tells two rotations apart, as far as its structure goes: before a bare wall
- * it looks the same whichever way it turns. */
-static bool tells_apart(const struct lp_alignment_result *result, const struct lp_rotation *a,
+/* Whether the picture, where it was compared with the map, tells two rotations apart, as far as its
+ * structure goes: before a bare wall it looks the same whichever way it turns. */
+static bool tells_apart(const struct attempt *attempt, const struct lp_rotation *a,
 			const struct lp_rotation *b)
 {
 	const struct lp_rotation back = lp_rotation_inverse(a);
 	const struct lp_rotation apart = lp_rotation_product(&back, b);
 	double v[3], chi2 = 0.0;
 
+	if (!compares(attempt))
+		return false;
 	lp_rotation_vector(&apart, v);
 	for (int i = 0; i < 3; i++)
 		for (int j = 0; j < 3; j++)
-			chi2 += v[i] * result->information[i][j] * v[j];
+			chi2 += v[i] * attempt->result.information[i][j] * v[j];
 	return chi2 > CLEAR_SIGMAS * CLEAR_SIGMAS;
 }
 
@@ -157,7 +159,9 @@ static void choose(struct lp_imager *imager, const struct lp_motion *by_rate,
 		return;
 	}
 	solve(imager, &rate);
-	if (!tells_apart(&imu.result, &by_rate->rotation, &by_imu->rotation)) {
+	/* Where nothing is known yet, nothing tells; where the camera may be still, it may. */
+	if (!tells_apart(&imu, &by_rate->rotation, &by_imu->rotation) &&
+	    !tells_apart(&rate, &by_rate->rotation, &by_imu->rotation)) {
 		take(imager, &imu);
 		return;
 	}

@@ -177,13 +177,16 @@ def _with_rod(
     lamps = []
     for lamp in seen.lights:
         known = max(found.lamps, key=lambda one: float(one.direction @ lamp.direction))
+        listed = dataclasses.replace(
+            lamp, direction_sigma_deg=known.direction_sigma_deg,
+            irradiance_sigma=known.irradiance_sigma * lamp.irradiance,
+        )  # fmt: skip
         if known.direction @ lamp.direction > np.cos(np.radians(_SAME_LAMP_DEG)):
-            lamp = dataclasses.replace(
-                lamp, direction=known.direction, direction_sigma_deg=known.direction_sigma_deg,
-                irradiance_sigma=rod.PAPER_SIGMA * lamp.irradiance,
-                angular_radius_deg=float(np.degrees(known.radius_rad)),
-            )  # fmt: skip
-        lamps.append(lamp)
+            radius_deg = float(np.degrees(known.radius_rad))
+            listed = dataclasses.replace(
+                listed, direction=known.direction, angular_radius_deg=radius_deg
+            )
+        lamps.append(listed)
     sigma = float(np.hypot(seen.relighting_sigma or 0.0, found.relighting_sigma))
     seen = dataclasses.replace(
         seen, lights=tuple(lamps), flags=seen.flags | EstimateFlag.PARTIAL_VIEW,
@@ -194,14 +197,20 @@ def _with_rod(
 
 def _pose(files: Sequence[Path], pinhole: Pinhole, board: lens_board.Board) -> boards.Pose:
     """The board in the first picture that shows it; ProbeError."""
+    problems = []
     for file in files:
         grey = np.asarray(find.as_codes(file).astype(np.float32) @ find.LUMA, np.uint8)
-        pose = boards.find(grey, pinhole, board)
+        try:
+            pose = boards.find(grey, pinhole, board)
+        except ProbeError as error:
+            problems.append(f"{file}: {error}")
+            continue
         if pose:
             return pose
-    raise ProbeError(
-        f"{files[0]}: no board is found: let the picture show most of it, sharp and evenly lit"
-    )
+        problems.append(
+            f"{file}: no board is found: let the picture show most of it, sharp and evenly lit"
+        )
+    raise ProbeError(problems[0])
 
 
 def _in_words(text: str, cuts: Sequence[Path], files: Sequence[Path]) -> str:

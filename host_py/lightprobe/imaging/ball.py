@@ -19,6 +19,9 @@ from lightprobe.geometry import Array
 #: silver (the same, 1972), of glass balls that are silvered inside; black lacquer or glass.
 SURFACES = {"chrome": (3.18, 3.31), "silver": (0.06, 3.59), "black": (1.5, 0.0)}
 
+#: When OpenCV's inverse of the distortion ends, as the daemon's does: by default a pixel is left.
+_UNTIL = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 30, 1e-13)
+
 
 @dataclass(frozen=True)
 class Pinhole:
@@ -39,7 +42,8 @@ class Pinhole:
         """Unit rays (N, 3) of places (N, 2) in the picture, camera frame."""
         distortion = np.asarray(self.distortion or (0.0,) * 4)
         points = np.asarray(places_px, np.float64).reshape(-1, 1, 2)
-        flat = np.asarray(cv2.undistortPoints(points, self.matrix, distortion)).reshape(-1, 2)
+        found = cv2.undistortPoints(points, self.matrix, distortion, criteria=_UNTIL)
+        flat = np.asarray(found).reshape(-1, 2)
         rays = np.stack([flat[:, 0], -flat[:, 1], -np.ones(len(flat))], axis=1)
         return np.asarray(rays / np.linalg.norm(rays, axis=1, keepdims=True))
 

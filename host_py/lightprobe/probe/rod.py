@@ -19,7 +19,7 @@ from scipy.special import ndtr
 
 from lightprobe.calibrate.lens_board import Board
 from lightprobe.errors import UsageError
-from lightprobe.geometry import Array, equirect_directions
+from lightprobe.geometry import Array, equirect_directions, equirect_solid_angles
 from lightprobe.imaging.ball import Pinhole
 from lightprobe.probe import board as boards
 from lightprobe.probe.kinds import ProbeError, Upright
@@ -69,6 +69,11 @@ class Rod:
 
 def stand(kind: Upright, board: Board, square_mm: float) -> Rod:
     """Where a rod is on a board whose squares have such sides; raises UsageError beside it."""
+    if kind.diameter_mm > square_mm:
+        raise UsageError(
+            f"--probe rod: a rod of {kind.diameter_mm:g} mm is wider than the board's squares of "
+            f"{square_mm:g} mm: take a thinner one, or correct --square-mm"
+        )
     place = kind.place or (board.columns // 2, board.rows // 2)
     if not (0 <= place[0] <= board.columns and 0 <= place[1] <= board.rows):
         raise UsageError(
@@ -87,6 +92,7 @@ class Lamp:
     radius_rad: float  # as seen from the rod
     share: Array  # (3,) of the irradiance of the board
     irradiance: Array  # (3,) of a surface that faces it
+    irradiance_sigma: float  # relative
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,11 +108,14 @@ class Light:
     def panorama(self, width: int) -> NDArray[np.float32]:
         """Radiance (width / 2, width, 3): lamps are discs of at least two pixels' radius."""
         directions = equirect_directions(width, width // 2)
+        sr = np.broadcast_to(
+            equirect_solid_angles(width, width // 2)[:, None], directions.shape[:2]
+        )
         light = np.where(directions[..., 1:2] > 0, self.ambient / np.pi, self.board)
         for lamp in self.lamps:
             radius = max(lamp.radius_rad, 4 * np.pi / width)
             inside = directions @ lamp.direction > np.cos(radius)
-            light[inside] += lamp.irradiance / (np.pi * np.sin(radius) ** 2)
+            light[inside] += lamp.irradiance / sr[inside].sum()
         return np.asarray(light, np.float32)
 
     @property
@@ -150,6 +159,8 @@ def sheet(
     seen_at_all = _looked_up(np.ones(clipped.shape, np.float32), at, 0.0) == 1
     white, black = _print(board, cell, across, down, _EDGE_PX * per_px)
     used = seen_at_all & ~_behind_rod(pinhole, pose, rod, at, clipped.shape, per_px)
+    if not np.any(white & used):
+        raise ProbeError("no white paper of the board is seen around the rod: go nearer")
     if bad[white & used].mean() > 0.02:
         raise ProbeError(
             f"{100 * bad[white & used].mean():.0f} % of the white paper is overexposed: expose "
@@ -414,8 +425,10 @@ class _Fit:
             bounds=(np.append(low, -anywhere), np.append(high, anywhere)),
         )  # fmt: skip
         state = self.of(result.x[:size].reshape(count, 3), result.x[size:])
-        chi2 = float(np.mean(off(result.x) ** 2))
-        covariance = np.linalg.pinv(result.jac.T @ result.jac) * chi2 * _ALIKE
+        light = result.jac[:-2]
+        chi2 = float(np.mean(off(result.x)[:-2] ** 2))
+        known = np.diag([*np.zeros(size), *np.full(2, 1 / foot_sigma**2)])
+        covariance = np.linalg.pinv(light.T @ light / (chi2 * _ALIKE) + known)
         return replace(state, covariance=covariance[:size, :size])
 
 
@@ -442,7 +455,13 @@ def _light(found: Sheet, rod: Rod, state: _State, rotation_sigma_deg: float) -> 
         tipped = np.degrees(np.sqrt(max(of[1, 1], 0)) * rod.height / way**2)
         high = np.degrees(HEIGHT_SIGMA_MM / rod.square_mm * length / way**2)
         sigma = float(np.linalg.norm([turned, tipped, high, rotation_sigma_deg, LEAN_SIGMA_DEG]))
-        lamps.append(Lamp(towards, sigma, float(np.exp(log_radius)), shares[i], irradiance))
+        strength = np.linalg.norm([
+            PAPER_SIGMA, state.depth_sigma[i] / state.depths[i],
+            length / rod.height * np.radians(sigma),  # the board is met aslant
+        ])  # fmt: skip
+        lamps.append(Lamp(
+            towards, sigma, float(np.exp(log_radius)), shares[i], irradiance, float(strength)
+        ))  # fmt: skip
     if not lamps:
         raise ProbeError(
             "no whole shadow of the rod is found on the board: let a lamp or the sun shine on it, "

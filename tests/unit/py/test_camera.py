@@ -201,6 +201,18 @@ def test_distortion_is_opencvs(tmp_path):
     assert np.isnan(lens.place(-directions[100, 200])[0])
 
 
+@pytest.mark.parametrize("k1", [-0.3, -0.2, 0.3])
+def test_a_wide_lens_that_distorts_much_is_no_fold(tmp_path, k1):
+    """Its inverse takes more steps than OpenCV's default."""
+    path = tmp_path / "wide.camera"
+    path.write_text(PHONE.replace("360", "1600").replace("640", "1200").replace("182", "800")
+                    .replace("317", "600").replace("500", "1000").replace("505", "1000")
+                    + f"distortion = {k1}, 0.05\n")  # fmt: skip
+    lens = camera.load(str(path)).lenses[0]
+    rays, _ = lens.look(np.array([0.5]), np.array([0.5]))
+    assert np.ravel(lens.place(rays)) == pytest.approx([0.5, 0.5], abs=1e-6)
+
+
 @pytest.mark.parametrize(
     ("more", "message"),
     [

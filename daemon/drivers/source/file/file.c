@@ -91,6 +91,7 @@ struct progress {
 	uint64_t sequence;
 	int in_pass;		      /* pictures since the beginning of this pass */
 	int usable_in_pass;	      /* without damage */
+	int missing_in_pass;	      /* files that could not be read: poses have them */
 	int64_t due_ns;		      /* of the next frame to deliver */
 	struct lp_owned_frame *ahead; /* read, not delivered: it may turn out to be the last */
 };
@@ -123,7 +124,7 @@ static void stamp(struct source_file *self, struct progress *progress, struct lp
 		frame->wheel_sigma_deg = LP_STATED_ANGLE_SIGMA_DEG;
 	}
 	if (self->poses)
-		stamp_pose(self, progress->in_pass, frame);
+		stamp_pose(self, progress->in_pass + progress->missing_in_pass, frame);
 	progress->in_pass++;
 	progress->usable_in_pass += !(frame->flags & LP_FRAME_CORRUPT);
 }
@@ -199,7 +200,7 @@ static void begin_pass(struct source_file *self, struct progress *progress)
 	if (progress->usable_in_pass == 0)
 		lp_source_outbox_report(self->outbox, LP_SOURCE_STALLED, self->object, "read",
 					"every picture is damaged");
-	progress->in_pass = progress->usable_in_pass = 0;
+	progress->in_pass = progress->usable_in_pass = progress->missing_in_pass = 0;
 }
 
 static void read_all(struct source_file *self, struct progress *progress)
@@ -216,6 +217,7 @@ static void read_all(struct source_file *self, struct progress *progress)
 			lp_frame_release(&frame->frame);
 		if (ret < 0) {
 			failure = ret;
+			progress->missing_in_pass++;
 			continue;
 		}
 		if (ret == 0) {
@@ -298,6 +300,8 @@ static int file_create(const struct lp_uri *uri, const struct lp_source_host *ho
 		goto err_destroy;
 	}
 	if (host->once) {
+		if (self->options.poses[0])
+			lp_warning(uri->text, "parse", "poses do not count with --once");
 		self->options.poses[0] = '\0';
 		self->options.loop = false;
 		self->options.rate_hz = 0;

@@ -2,10 +2,13 @@
 #include "drivers/source/file/pose_file.h"
 
 #include <errno.h>
+#include <fcntl.h>
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
+#include <unistd.h>
 
 #include "base/log.h"
 #include "include/orientation.h"
@@ -113,18 +116,38 @@ static int read_lines(struct lp_pose_file *file, FILE *stream, const char *path)
 			ret = -EBADMSG;
 		}
 	}
-	if (ret == 0 && ferror(stream))
+	if (ret == 0 && (ferror(stream) || errno == ENOMEM))
 		ret = errno ? -errno : -EIO;
 	free(line);
+	return ret;
+}
+
+/* A regular file, open to read; a pipe might never end, nor begin. */
+static int open_stream(const char *path, FILE **stream)
+{
+	struct stat status;
+	const int fd = open(path, O_RDONLY | O_CLOEXEC | O_NONBLOCK);
+	int ret = fd < 0 || fstat(fd, &status) < 0 ? -errno : 0;
+
+	if (ret == 0 && !S_ISREG(status.st_mode))
+		ret = S_ISDIR(status.st_mode) ? -EISDIR : -ESPIPE;
+	if (ret == 0) {
+		*stream = fdopen(fd, "r");
+		ret = *stream ? 0 : -errno;
+	}
+	if (ret < 0 && fd >= 0)
+		close(fd);
 	return ret;
 }
 
 int lp_pose_file_read(const char *path, struct lp_pose_file **file)
 {
 	struct lp_pose_file *self = calloc(1, sizeof(*self));
-	FILE *stream = self ? fopen(path, "re") : NULL;
-	int ret = !self ? -ENOMEM : !stream ? -errno : read_lines(self, stream, path);
+	FILE *stream = NULL;
+	int ret = self ? open_stream(path, &stream) : -ENOMEM;
 
+	if (ret == 0)
+		ret = read_lines(self, stream, path);
 	if (stream)
 		(void)fclose(stream);
 	if (ret == 0 && self->count == 0) {
