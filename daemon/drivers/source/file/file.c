@@ -56,9 +56,8 @@ static const struct lp_param list[] = {
 	{"gain", LP_PARAM_FLOAT, offsetof(struct options, gain), .min = 1e-6, .max = 1e6,
 	 .help = "gain of all pictures, a linear factor; none: from Exif, else unknown"},
 	{"poses", LP_PARAM_TEXT, offsetof(struct options, poses), .initial = "", .max = PATH_BYTES,
-	 .help = "file of the camera's recorded poses (TUM's or EuRoC's form), the first one of "
-		 "the "
-		 "first picture: --orientation=frames; none: not known"},
+	 .help = "file of the camera's poses in TUM's or EuRoC's form, from the first\n"
+		 "picture on: --orientation=frames; none: not known"},
 	{"pose_sigma_deg", LP_PARAM_FLOAT, offsetof(struct options, pose_sigma_deg),
 	 .initial = "0.3", .min = 0.001, .max = 90, .help = "1 sigma of their rotation"},
 	{"pose_sigma_m", LP_PARAM_FLOAT, offsetof(struct options, pose_sigma_m), .initial = "0.01",
