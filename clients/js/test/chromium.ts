@@ -8,11 +8,20 @@ export const LONG_MS = 120_000; // the machine may be busy: never a measure of s
 /** Options of a test that takes long, and is run by `make test-nightly` alone. */
 export const NIGHTLY = process.env["NIGHTLY"] ? {} : { skip: "it takes long: make test-nightly-js" };
 
-export const launch = (...more: string[]): Promise<Browser> => chromium.launch({
-  executablePath: process.env["CHROMIUM"] ?? "/usr/bin/chromium",
-  ignoreDefaultArgs: ["--hide-scrollbars"], // as users see it
-  args: ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist", ...more],
-});
+export async function launch(...more: string[]): Promise<Browser> {
+  const browser = await chromium.launch({
+    executablePath: process.env["CHROMIUM"] ?? "/usr/bin/chromium",
+    ignoreDefaultArgs: ["--hide-scrollbars"], // as users see it
+    args: ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist", ...more],
+  });
+  const newContext = browser.newContext.bind(browser); // newPage() makes one, too
+  browser.newContext = async (options) => {
+    const context = await newContext(options);
+    context.setDefaultTimeout(LONG_MS);
+    return context;
+  };
+  return browser;
+}
 
 /** An empty page that has run one of test/page; errors of the page and of its shaders fail the test. */
 export async function pageWith(browser: Browser, file: string): Promise<Page> {
