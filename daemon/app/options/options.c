@@ -130,7 +130,7 @@ static int parse_orientation(const char *text, void *field)
 		lp_text_copy(choice->uri, sizeof(choice->uri), text);
 		return 0;
 	}
-	if (strcmp(text, "frames") == 0) /* on the wire it has the name of its first user */
+	if (strcmp(text, "frames") == 0) /* Hello names it "sim", as before recordings had poses */
 		text = lp_orientation_name(LP_ORIENTATION_FRAMES);
 	for (int k = 0; k < LP_ORIENTATION_SENSOR; k++) {
 		if (strcmp(text, orientations[k]) == 0) {
@@ -249,14 +249,10 @@ static const struct lp_param config_list[] = {
 		 "picture of the room, which whoever may connect can then see"},
 	{"orientation", LP_PARAM_OWN, offsetof(struct lp_options, orientation), .initial = "visual",
 	 .parse = parse_orientation, .expects = "visual|none|client|frames|URI of a sensor",
-	 .help = "how it is known where the camera looks. visual: by its own frames; none: it "
-		 "never\n"
-		 "turns; client: an app sends its head poses besides; frames: pictures of sim:, or "
-		 "of\n"
-		 "file: with poses, carry it besides; iio:NAME: a gyroscope. With --once pictures "
-		 "are "
-		 "of\n"
-		 "one place: none"},
+	 .help = "how it is known where the camera looks. visual: by its own frames; none: it\n"
+		 "never turns; client: an app sends its head poses besides; frames: pictures of\n"
+		 "sim:, or of file: with poses, carry it besides; iio:NAME: a gyroscope.\n"
+		 "With --once pictures are of one place: none"},
 	{"mount", LP_PARAM_TEXT, offsetof(struct lp_options, mount), .initial = "", .max = 1024,
 	 .help = "file with the rotation from the probe to the head whose poses a client sends,\n"
 		 "or to the sensor;\n"

@@ -159,7 +159,8 @@ static void choose(struct lp_imager *imager, const struct lp_motion *by_rate,
 		return;
 	}
 	solve(imager, &rate);
-	/* Where nothing is known yet, nothing tells; where the camera may be still, it may. */
+	/* The place that the IMU tells may be one that nobody has seen, where no picture
+	 * contradicts it. So the picture is asked in the predicted place, too. */
 	if (!tells_apart(&imu, &by_rate->rotation, &by_imu->rotation) &&
 	    !tells_apart(&rate, &by_rate->rotation, &by_imu->rotation)) {
 		take(imager, &imu);

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 from PIL import ExifTags, Image
 
 from lightprobe import daemon
@@ -120,11 +121,7 @@ def _with_diffuse(
     """Solve for the light, let the pipeline list its lamps, and put in what is not known."""
     offline.check_exposures(files, exposures_us)
     light = diffuse.solve(diffuse.shading(files, exposures_us, sight, pinhole))
-    with tempfile.TemporaryDirectory(prefix="lightprobe-ball-") as name:
-        file = Path(name) / "light.pfm"
-        image.write_pfm(file, light.panorama(_DIFFUSE_WIDTH))
-        settings = dataclasses.replace(settings, camera="equirect")
-        once = offline.estimate_pictures([file], (), settings)
+    once = _listed(light.panorama(_DIFFUSE_WIDTH), settings)
     found = once.estimate
     lamps = tuple(
         dataclasses.replace(
@@ -168,11 +165,7 @@ def _with_rod(
     pose = _pose(files, pinhole, board)
     radiance, clipped = diffuse.merged(files, exposures_us)
     found = rod.solve(rod.sheet(radiance, clipped, pinhole, pose, board, stands), stands, pose)
-    with tempfile.TemporaryDirectory(prefix="lightprobe-rod-") as name:
-        file = Path(name) / "light.pfm"
-        image.write_pfm(file, found.panorama(_ROD_WIDTH))
-        settings = dataclasses.replace(settings, camera="equirect")
-        once = offline.estimate_pictures([file], (), settings)
+    once = _listed(found.panorama(_ROD_WIDTH), settings)
     seen = once.estimate
     lamps = []
     for lamp in seen.lights:
@@ -193,6 +186,15 @@ def _with_rod(
         relighting_sigma=sigma,
     )  # fmt: skip
     return dataclasses.replace(once, estimate=seen, log=[*found.notes, *once.log])
+
+
+def _listed(panorama: NDArray[np.float32], settings: offline.Settings) -> daemon.Once:
+    """What the pipeline makes of a panorama (H, 2H, 3) of light that was found otherwise."""
+    with tempfile.TemporaryDirectory(prefix="lightprobe-probe-") as name:
+        file = Path(name) / "light.pfm"
+        image.write_pfm(file, panorama)
+        settings = dataclasses.replace(settings, camera="equirect")
+        return offline.estimate_pictures([file], (), settings)
 
 
 def _pose(files: Sequence[Path], pinhole: Pinhole, board: lens_board.Board) -> boards.Pose:

@@ -294,7 +294,8 @@ static int file_create(const struct lp_uri *uri, const struct lp_source_host *ho
 		goto err_destroy;
 	}
 	if (self->options.poses[0] && !(self->options.rate_hz > 0)) {
-		lp_error(uri->text, "parse", "poses have times, and so must pictures: give rate");
+		lp_error(uri->text, "parse",
+			 "poses needs a rate above 0: it tells when each picture was taken");
 		ret = -EINVAL;
 		goto err_destroy;
 	}

@@ -165,11 +165,6 @@ int lp_pose_file_read(const char *path, struct lp_pose_file **file)
 	return 0;
 }
 
-double lp_pose_file_seconds(const struct lp_pose_file *file)
-{
-	return file->poses[file->count - 1].t_s;
-}
-
 /* The last pose that is not later. */
 static size_t before(const struct lp_pose_file *file, double t_s)
 {

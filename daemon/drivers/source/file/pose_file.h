@@ -15,13 +15,10 @@ struct lp_pose_file;
 /* Reads all of it. -ENOENT, -EACCES, ..., -EBADMSG: a line is no pose; logged with its number. */
 int lp_pose_file_read(const char *path, struct lp_pose_file **file);
 
-/* The time of the last pose, in s; that of the first is 0. */
-double lp_pose_file_seconds(const struct lp_pose_file *file);
-
 /*
- * The pose at a time, between its neighbours: quaternion x y z w, turns the camera's frame into
- * that of the poses, and place in metres. False: before the first pose, after the last one, or in a
- * gap of more than a quarter of a second. Any thread.
+ * The pose at a time after the first one, between its neighbours: quaternion x y z w, turns the
+ * camera's frame into that of the poses, and place in metres. False: before the first pose, after
+ * the last one, or in a gap of more than a quarter of a second. Any thread.
  */
 bool lp_pose_file_at(const struct lp_pose_file *file, double t_s, float quaternion[4],
 		     double position_m[3]);
