@@ -289,6 +289,10 @@ static int open_camera(struct lp_daemon_camera *camera)
 		lp_error(camera->uri, "--exposure-us", "the exposure of this source cannot be set");
 		return -EINVAL;
 	}
+	if (camera->caps.has_poses &&
+	    lp_options_pipeline(options).orientation != LP_ORIENTATION_FRAMES)
+		lp_warning(camera->uri, "--orientation",
+			   "its recorded poses are not used — add --orientation=frames");
 	return 0;
 }
 

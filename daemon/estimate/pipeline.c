@@ -109,12 +109,6 @@ static bool sees_part(const struct lp_pipeline *p)
 	return p->camera_count > 1 || !lp_camera_is_whole(p->cameras[0].geometry);
 }
 
-/* A camera that sees so little of the sphere is turned to see the rest. */
-static bool sees_little(const struct lp_pipeline *p)
-{
-	return p->camera_count == 1 && p->cameras[0].geometry->projection == LP_PINHOLE;
-}
-
 /* Share of the sphere that clips in the camera's view. A shorter exposure does not help where it
  * does not look. */
 static float clipped_in_view(const struct lp_pipeline *p, const struct lp_panorama *panorama)
@@ -138,7 +132,7 @@ static struct lp_bracket_scene look_at_scene(struct lp_pipeline *p,
 	lp_imager_status(p->imager, &status);
 	struct lp_bracket_scene scene = {.changed = status.changed > MOST_CHANGED,
 					 .restless = is_restless(p, status.changed),
-					 .looks_around = sees_little(p)};
+					 .looks_around = lp_imager_sees_little(p->imager)};
 	int count = 0;
 
 	if (sees_part(p))

@@ -86,6 +86,7 @@ struct lp_source_caps {
 	 * far as it tells: LP_PROCESSING_BIT() of what is on. */
 	bool tells_processing;
 	uint32_t processing_on;
+	bool has_poses; /* of the camera, recorded: its frames carry them */
 	bool finite; /* ends by itself, with LP_FRAME_LAST and ENDED */
 };
 

@@ -234,6 +234,16 @@ static int check(const struct lp_imager *imager, const struct lp_frame *frame)
 			   "with a [crop]");
 		return -EBADMSG;
 	}
+	const struct lp_camera *camera = imager->eyes[frame->camera].given;
+
+	if (!lp_camera_has_shape(camera, (int)frame->width_px, (int)frame->height_px)) {
+		lp_warning("frame", "check",
+			   "a picture of %ux%u, but the camera file is for %dx%d, another shape: "
+			   "which part of the lens it shows is not known; frame left out: set the "
+			   "source's size, or calibrate the camera at this one",
+			   frame->width_px, frame->height_px, camera->width_px, camera->height_px);
+		return -EBADMSG;
+	}
 	return 0;
 }
 

@@ -176,6 +176,10 @@ const struct lp_grid *lp_imager_grid(const struct lp_imager *imager);
  * imager; valid until the next load. */
 const struct lp_panorama *lp_imager_panorama(const struct lp_imager *imager);
 
+/* Whether all cameras together see so little of the sphere at a time that they are turned to see
+ * the rest. False until each has taken a frame. */
+bool lp_imager_sees_little(const struct lp_imager *imager);
+
 /* Camera to anchor frame, at the newest frame's capture time. Valid until the next load. */
 const struct lp_rotation *lp_imager_rotation(const struct lp_imager *imager);
 

@@ -305,7 +305,9 @@ class Hello:
     preset: str
     name: str = ""  # of the probe; "": it speaks a protocol older than 1.2
     insecure_lan: bool = False  # anyone on the network can read it, unencrypted
-    orientation: str = ""  # what tells it: none, visual, sim, client, sensor; "": older than 1.3
+    #: What tells it: none, visual, sim (its frames, recorded or simulated), client, sensor; "":
+    #: older than 1.3.
+    orientation: str = ""
     max_reflection_map_size: int = 0  # 0: it sends no reflection maps
     polarization_map: bool = False  # any client may ask for one, which is a coarse picture
     #: What its cameras do to their pictures that changes the light in them, as far as they tell:

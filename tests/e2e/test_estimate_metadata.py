@@ -32,6 +32,15 @@ fx_px = 85
 fy_px = 85
 max_theta_deg = 85
 """
+CROP = """[camera]
+projection = equirect
+width_px = 256
+height_px = 256
+[crop]
+full_width_px = 512
+full_height_px = 256
+left_px = 400
+"""
 
 
 def estimate(*files, exposures_us=(), **settings):
@@ -344,6 +353,16 @@ def test_parts_that_cannot_be_used_are_refused_by_name(tmp_path, what, suffix):
             daemon.estimate_once([f"--source=file:{file}"])
 
 
+@pytest.mark.parametrize("kind", ["fisheye", "part"])
+def test_a_picture_of_another_shape_than_its_camera_s_is_refused(tmp_path, kind):
+    """It is another part of the lens, and nobody knows which."""
+    camera = tmp_path / "x.camera"
+    camera.write_text(FISHEYE if kind == "fisheye" else CROP)
+    file = gpano(tmp_path / "x.jpg", 320, 128)
+    with pytest.raises(LightprobeError, match="a picture of 320x128, but the camera file is for "):
+        daemon.estimate_once([f"--source=file:{file}", f"--camera={camera}"])
+
+
 def test_a_camera_file_counts_more_than_the_photo(tmp_path):
     """A fisheye's picture may say what it likes; so may one of a camera file with a [crop]."""
     lens, part = tmp_path / "fish.camera", tmp_path / "part.camera"
@@ -351,10 +370,7 @@ def test_a_camera_file_counts_more_than_the_photo(tmp_path):
     file = gpano(tmp_path / "x.jpg", 256, 256, **UNUSABLE["cylinder"])
     found, _ = estimate(file, camera=str(lens))
     assert sh0(found) == pytest.approx(sh0_of_code(CODE), rel=0.01)
-    part.write_text(
-        "[camera]\nprojection = equirect\nwidth_px = 256\nheight_px = 256\n"
-        "[crop]\nfull_width_px = 512\nfull_height_px = 256\nleft_px = 400\n"
-    )
+    part.write_text(CROP)
     found, _ = estimate(file, camera=str(part))
     assert sh0(found) == pytest.approx(sh0_of_code(CODE), rel=0.005)
     assert "PARTIAL_VIEW" in flag_names(found.flags)

@@ -72,6 +72,12 @@ def test_lamps_stay_in_the_world_of_the_poses(recording: Path) -> None:
         assert angle_deg(one.lights[0].direction, LAMP) < 1.5
 
 
+def test_poses_that_nobody_uses_are_told(recording: Path) -> None:
+    query = f"rate={RATE_HZ}&poses={recording / 'poses.txt'}"
+    with Daemon(f"--source=file:{recording}?{query}") as daemon:
+        assert "its recorded poses are not used — add --orientation=frames" in daemon.log()
+
+
 def test_poses_of_another_sense_are_not_believed(recording: Path, tmp_path: Path) -> None:
     """A turn to the left that is told as one to the right: no packet says WORLD and is wrong."""
     rows = [row.split() for row in (recording / "poses.txt").read_text().splitlines()]

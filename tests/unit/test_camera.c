@@ -378,6 +378,24 @@ static void test_one_lens_sees_a_part(void **state)
 	"[camera]\nprojection = pinhole\nwidth_px = 360\nheight_px = 640\n" \
 	"[lens.0]\ncx_px = 182\ncy_px = 317\nfx_px = 500\nfy_px = 505\n"
 
+/* Scaled pictures are the camera's, those of another shape are not: of them nobody knows which part
+ * of the lens they show. */
+static void test_the_shape_of_a_picture(void **state)
+{
+	struct lp_camera *phone = load(PHONE), *whole = load("[camera]\nprojection = equirect\n");
+
+	(void)state;
+	assert_true(lp_camera_has_shape(phone, 360, 640));
+	assert_true(lp_camera_has_shape(phone, 1080, 1920));
+	assert_true(lp_camera_has_shape(phone, 1080, 1936)); /* an encoder's blocks */
+	assert_false(lp_camera_has_shape(phone, 640, 360));
+	assert_false(lp_camera_has_shape(phone, 360, 480));
+	assert_false(lp_camera_has_shape(phone, 366, 640));
+	assert_true(lp_camera_has_shape(whole, 100, 77));
+	lp_camera_destroy(whole);
+	lp_camera_destroy(phone);
+}
+
 /* OpenCV's model: the tangent of the angle, distorted; the picture is a rectangle of the sphere. */
 static void test_an_ordinary_camera(void **state)
 {
@@ -643,6 +661,7 @@ int main(void)
 		cmocka_unit_test(test_light_is_kept),
 		cmocka_unit_test(test_one_lens_sees_a_part),
 		cmocka_unit_test(test_an_ordinary_camera),
+		cmocka_unit_test(test_the_shape_of_a_picture),
 		cmocka_unit_test(test_broken_files),
 		cmocka_unit_test(test_processing_of_a_file),
 		cmocka_unit_test(test_glare_of_a_file),

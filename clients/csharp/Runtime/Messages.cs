@@ -484,7 +484,7 @@ namespace Lightprobe.Messages
         public string Name = "";
         /// <summary>anyone on the network can read it, unencrypted (--insecure-lan)</summary>
         public bool InsecureLan;
-        /// <summary>what tells it: none, visual, sim, client, sensor</summary>
+        /// <summary>what tells it: none, visual, sim (its frames, recorded or simulated), client, sensor</summary>
         public string Orientation = "";
         /// <summary>0: reflection maps are off; else anyone who may connect can ask for a picture</summary>
         public uint MaxReflectionMapSize;

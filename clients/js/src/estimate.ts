@@ -148,7 +148,7 @@ export interface Hello {
   hasWheel: boolean;
   hasRing: boolean;
   preset: string;
-  /** What tells it: none, visual, sim, client; "": older than protocol 1.3. */
+  /** What tells it: none, visual, sim (its frames, recorded or simulated), client, sensor; "": older than protocol 1.3. */
   orientation: string;
   /** Texels along an edge; 0: it sends no reflection maps. */
   maxReflectionMapSize: number;

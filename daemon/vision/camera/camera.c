@@ -6,6 +6,8 @@
 
 /* What rounding may take from the angle of a picture's corner. */
 #define ROUNDING_RAD 1e-6
+/* By how much the shape of a camera's pictures may differ from that of its file. */
+#define MOST_OFF 0.01
 
 void lp_camera_destroy(struct lp_camera *camera)
 {
@@ -15,6 +17,14 @@ void lp_camera_destroy(struct lp_camera *camera)
 		free(camera->lens[k].mask);
 	free(camera->stuck_px);
 	free(camera);
+}
+
+bool lp_camera_has_shape(const struct lp_camera *camera, int width_px, int height_px)
+{
+	const double as_wide = (double)camera->height_px * width_px;
+	const bool whole = camera->projection == LP_EQUIRECT && !camera->crop_given;
+
+	return whole || fabs(as_wide - (double)camera->width_px * height_px) < MOST_OFF * as_wide;
 }
 
 int lp_camera_circle_px(const struct lp_camera *camera, int width_px)

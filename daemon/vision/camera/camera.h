@@ -111,6 +111,11 @@ static inline double lp_camera_column_rad(const struct lp_camera *camera, int wi
 	       ((double)camera->crop.left + (double)camera->crop.width * x / width_px);
 }
 
+/* Whether a picture of this size, scaled, may be the camera's: its shape is that of the size that
+ * the camera file was measured at, within 1 % (encoders round heights up). What shows the whole
+ * sphere may have any size. */
+bool lp_camera_has_shape(const struct lp_camera *camera, int width_px, int height_px);
+
 /* Width of the panorama whose pixels at the horizon are as small as those of a picture of width_px
  * on the axis of the first lens. */
 int lp_camera_circle_px(const struct lp_camera *camera, int width_px);

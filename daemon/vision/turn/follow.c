@@ -28,7 +28,7 @@
 /* A camera that seems to hold still is found to turn slowly when it has turned by so much against
  * the map. */
 #define SLOW_TURN (3.0 * M_PI / 180.0)
-/* Share of the sphere below which a camera sees little. */
+/* Share of the sphere below which cameras see little. */
 #define SEES_LITTLE 0.25F
 /* One prediction fits better than the other when so much more of the picture agrees. */
 #define CLEARLY_BETTER 0.03F
@@ -228,13 +228,25 @@ static void follow_by_pictures(struct lp_imager *imager, const struct lp_motion 
 		imager->turn.motion = *by_rate;
 }
 
+bool lp_imager_sees_little(const struct lp_imager *imager)
+{
+	float seen = 0.0F;
+
+	for (int k = 0; k < imager->eye_count; k++) {
+		if (!imager->eyes[k].remap)
+			return false;
+		seen += imager->eyes[k].remap->seen_fraction;
+	}
+	return seen < SEES_LITTLE;
+}
+
 /* A camera that sees little at a time has nothing but what is told to lay its views beside each
  * other: a chain of pictures drifts. */
 static void hold_to_told(struct lp_imager *imager)
 {
 	double pull[3], information[3][3];
 
-	if (imager->eye->remap && imager->eye->remap->seen_fraction < SEES_LITTLE &&
+	if (lp_imager_sees_little(imager) &&
 	    lp_imu_pull(&imager->turn.imu, &imager->turn.told, &imager->turn.motion.rotation, pull,
 			information))
 		lp_motion_correct_by_landmarks(&imager->turn.motion, pull,

@@ -353,6 +353,7 @@ static void file_caps(const struct lp_source *source, struct lp_source_caps *cap
 		.gain_min = NAN,
 		.gain_max = NAN,
 		.exposure_delay_frames = -1,
+		.has_poses = options->poses[0] != '\0',
 		.finite = !options->loop,
 	};
 }
