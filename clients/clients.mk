@@ -22,9 +22,11 @@ $(JS)/built: $(JS)/installed $(JS_SOURCES) proto/lightprobe.proto proto/ranges.t
 js: $(JS)/built ## build the JavaScript package in build/js
 
 $(BUILD)/web/index.html: $(JS)/built
-	@mkdir -p $(@D) && cp web/index.html web/style.css $(JS)/dist/lightprobe-webxr.js $(@D)
+	@mkdir -p $(@D) && cp web/*.html web/*.css $(JS)/dist/lightprobe-webxr.js $(@D)
 	@cd $(JS) && node_modules/.bin/esbuild web/main.ts --bundle --format=esm --minify --legal-comments=linked \
 		--target=es2022 --outfile=../web/main.js --log-level=warning
+	@cd $(JS) && node_modules/.bin/esbuild web/setup.ts --bundle --format=esm --minify --target=es2022 \
+		--outfile=../web/setup.js --log-level=warning
 	@touch $@
 web: $(BUILD)/web/index.html ## build the viewer in build/web: lightprobed --publish=ws:127.0.0.1:7701?root=build/web
 

@@ -19,7 +19,7 @@ IN_lightprobe := install-python
 IN_lightprobe-dev := install-dev
 PREFIX ?= /usr/local
 DESTDIR ?=
-INSTALLED := bin/lightprobed bin/lightprobe lib/lightprobe lib/systemd/system/lightprobed.service lib/sysusers.d/lightprobe.conf \
+INSTALLED := bin/lightprobed bin/lightprobe lib/lightprobe lib/systemd/system/lightprobed.service lib/systemd/system/lightprobe-setup.service lib/sysusers.d/lightprobe.conf \
 	lib/udev/rules.d/70-lightprobe.rules lib/udev/rules.d/71-lightprobe-mcu.rules \
 	lib/udev/rules.d/72-lightprobe-iio.rules share/lightprobe share/doc/lightprobe-dev
 CONFIG := $(DESTDIR)/etc/lightprobe/lightprobed.conf
@@ -39,8 +39,8 @@ install-packages:
 install-daemon: ## install daemon, service, rules and camera files; an existing configuration stays
 	@$(call must_exist,$(BUILD)/release/bin/lightprobed)
 	@install -D -t '$(DESTDIR)$(PREFIX)/bin' $(BUILD)/release/bin/lightprobed
-	@install -D -m 644 -t '$(DESTDIR)$(PREFIX)/lib/systemd/system' packaging/systemd/lightprobed.service
-	@sed -i 's|=/usr/bin/|=$(PREFIX)/bin/|' '$(DESTDIR)$(PREFIX)/lib/systemd/system/lightprobed.service'
+	@install -D -m 644 -t '$(DESTDIR)$(PREFIX)/lib/systemd/system' packaging/systemd/*.service
+	@sed -i 's|=/usr/bin/|=$(PREFIX)/bin/|' '$(DESTDIR)$(PREFIX)'/lib/systemd/system/lightprobe*.service
 	@install -D -m 644 packaging/systemd/lightprobe.sysusers '$(DESTDIR)$(PREFIX)/lib/sysusers.d/lightprobe.conf'
 	@install -D -m 644 -t '$(DESTDIR)$(PREFIX)/lib/udev/rules.d' packaging/udev/*.rules
 	@install -D -m 644 -t '$(DESTDIR)$(PREFIX)/share/lightprobe/drop-ins' packaging/systemd/drop-ins/*.conf

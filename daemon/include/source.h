@@ -87,7 +87,7 @@ struct lp_source_caps {
 	bool tells_processing;
 	uint32_t processing_on;
 	bool has_poses; /* of the camera, recorded: its frames carry them */
-	bool finite; /* ends by itself, with LP_FRAME_LAST and ENDED */
+	bool finite;	/* ends by itself, with LP_FRAME_LAST and ENDED */
 };
 
 struct lp_source_ops {

@@ -24,7 +24,7 @@ from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 from lightprobe import daemon, installation
 from lightprobe.errors import LightprobeError
 
-_KEY, _CERTIFICATE, _TOKEN = "key.pem", "certificate.pem", "token"
+KEY, CERTIFICATE, _TOKEN = "key.pem", "certificate.pem", "token"
 _PORT = 7702
 #: Where the service looks (packaging/systemd), and where its copies of the three files are.
 _SERVICE_FOLDER = Path("/etc/lightprobe/pair")
@@ -38,7 +38,8 @@ _DAYS = 397
 _TOKEN_BYTES = 24
 
 
-def _default_folder() -> Path:
+def default_folder() -> Path:
+    """Where the three files are: of the service for root, else of the user."""
     if os.geteuid() == 0:
         return _SERVICE_FOLDER
     config = os.environ.get("XDG_CONFIG_HOME") or Path.home() / ".config"
@@ -88,8 +89,8 @@ def command(
     address holds a secret: who has it can read the light.
     Example: lightprobe pair --host probe.local
     """  # fmt: skip
-    folder = folder or _default_folder()
-    made = new or not any((folder / name).exists() for name in (_KEY, _CERTIFICATE, _TOKEN))
+    folder = folder or default_folder()
+    made = new or not any((folder / name).exists() for name in (KEY, CERTIFICATE, _TOKEN))
     try:
         if made:
             make(folder, host or own_hosts())
@@ -142,9 +143,9 @@ def make(folder: Path, hosts: list[str]) -> None:
     pem = serialization.Encoding.PEM
     plain = serialization.NoEncryption()
     private = key.private_bytes(pem, serialization.PrivateFormat.PKCS8, plain)
-    _write(folder / _KEY, private)
-    _write(folder / _CERTIFICATE, certificate.public_bytes(pem))
-    _write(folder / _TOKEN, secrets.token_urlsafe(_TOKEN_BYTES).encode() + b"\n")
+    write_secret(folder / KEY, private)
+    write_secret(folder / CERTIFICATE, certificate.public_bytes(pem))
+    write_secret(folder / _TOKEN, secrets.token_urlsafe(_TOKEN_BYTES).encode() + b"\n")
 
 
 def _name(host: str) -> x509.GeneralName:
@@ -154,7 +155,7 @@ def _name(host: str) -> x509.GeneralName:
         return x509.DNSName(host)
 
 
-def _write(path: Path, data: bytes) -> None:
+def write_secret(path: Path, data: bytes) -> None:
     """Whole or not at all."""
     half_done = path.with_name(f".{path.name}.part")
     half_done.unlink(missing_ok=True)
@@ -166,18 +167,16 @@ def _write(path: Path, data: bytes) -> None:
 def read(folder: Path) -> Pair:
     """Read what :func:`make` wrote; raises OSError, LightprobeError."""
     token = (folder / _TOKEN).read_text().strip()
-    (folder / _KEY).read_bytes()
+    (folder / KEY).read_bytes()
     try:
-        certificate = x509.load_pem_x509_certificate((folder / _CERTIFICATE).read_bytes())
+        certificate = x509.load_pem_x509_certificate((folder / CERTIFICATE).read_bytes())
         names = certificate.extensions.get_extension_for_class(x509.SubjectAlternativeName).value
     except (ValueError, x509.ExtensionNotFound) as error:
-        raise LightprobeError(
-            f"pair: {folder / _CERTIFICATE}: {error}: run it with --new"
-        ) from None
+        raise LightprobeError(f"pair: {folder / CERTIFICATE}: {error}: run it with --new") from None
     expires = certificate.not_valid_after_utc
     if expires < datetime.datetime.now(datetime.UTC):
         raise LightprobeError(
-            f"pair: {folder / _CERTIFICATE}: expired on {expires:%Y-%m-%d}: run it with --new, "
+            f"pair: {folder / CERTIFICATE}: expired on {expires:%Y-%m-%d}: run it with --new, "
             "restart lightprobed, and give clients the new address"
         )
     return Pair(
@@ -236,7 +235,7 @@ def _print(pair: Pair, folder: Path, port: int, as_json: bool, made: bool) -> No
     print(f"address      {pair.url(port)}")
     print(f"certificate  valid until {pair.expires:%Y-%m-%d}, for {', '.join(pair.hosts)}")
     print(f"SHA-256      {pair.fingerprint}")
-    print(f"{'made' if made else 'found'}        {folder}: {_KEY}, {_CERTIFICATE}, {_TOKEN}")
+    print(f"{'made' if made else 'found'}        {folder}: {KEY}, {CERTIFICATE}, {_TOKEN}")
     print(f"next         run this, which serves that address; end lightprobed first if it runs:\n\n"
           f"{next_command(folder, port)}\n")  # fmt: skip
     print("             A browser warns once, because no authority has signed the certificate:")

@@ -6,8 +6,11 @@ rules; the journal; uvcvideo, cdc-acm, I2C, GPIO and CAN of the kernel. Made in 
 camera behind uvcvideo, the box behind the serial line.
 """
 
+import http.client
+import json
 import os
 import signal
+import socket
 import subprocess
 import time
 from contextlib import contextmanager
@@ -21,6 +24,7 @@ from machine import modprobe, run, wait_for
 from service import (
     CONFIG,
     DROP_INS,
+    REPO,
     SOCKET,
     Service,
     add_drop_in,
@@ -302,3 +306,44 @@ def test_an_update_keeps_the_configuration():
     CONFIG.write_text("source = sim:/run/mine\n")
     install()
     assert CONFIG.read_text() == "source = sim:/run/mine\n"
+
+
+# ---------------------------------------------------------------- the set-up page
+
+
+def test_the_set_up_page_changes_the_service(service):
+    """`lightprobe setup`, as root: a good change counts, and a bad one does not."""
+    service("source = example:", "name = before")
+    command = [REPO / "build/venv/bin/lightprobe", "setup", "--page", REPO / "build/web"]
+    page = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+
+    def ask(method, path, body=None):
+        connection = http.client.HTTPConnection("127.0.0.1", 7703, timeout=240)
+        headers = {"Authorization": f"Bearer {token}"}
+        connection.request(method, f"/api/{path}", json.dumps(body), headers)
+        answer = connection.getresponse()
+        return answer.status, json.loads(answer.read())
+
+    try:
+        token = page.stdout.readline().strip().partition("#owner=")[2]
+        wait_for("the page", lambda: not socket.socket().connect_ex(("127.0.0.1", 7703)))
+        before, pid = CONFIG.read_text(), show("MainPID")
+        status, answer = ask("PUT", "settings", {"set": {"name": ["after"]}})
+        assert status == 200, answer
+        assert CONFIG.read_text() == before.replace("name = before", "name = after")
+        assert show("ActiveState") == "active"
+        assert show("MainPID") != pid
+        good = CONFIG.read_text()
+        with socket.create_server(("127.0.0.1", 0)) as taken:
+            publish = [f"tcp:127.0.0.1:{taken.getsockname()[1]}", f"unix:{SOCKET}?mode=666"]
+            status, answer = ask("PUT", "settings", {"set": {"publish": publish}})
+        assert status == 409, answer
+        assert "the former settings are back" in answer["problem"]
+        assert (CONFIG.read_text(), show("ActiveState")) == (good, "active")
+        assert ask("PUT", "settings", {"set": {"preset": ["fastest"]}})[0] == 422
+        state = ask("GET", "state")[1]
+        assert state["runs"]
+        assert any("listen: " in line for line in state["log"])
+    finally:
+        page.terminate()
+        page.wait(60)

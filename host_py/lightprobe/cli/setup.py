@@ -1,0 +1,142 @@
+"""`lightprobe setup`: choose camera and boards, calibrate, and open the network, in a browser."""
+
+from __future__ import annotations
+
+import os
+import secrets
+import socket
+import ssl
+import sys
+import tempfile
+from pathlib import Path
+from typing import Annotated
+
+import segno
+import typer
+from aiohttp import web
+
+from lightprobe import installation
+from lightprobe.cli import pair
+from lightprobe.errors import LightprobeError
+from lightprobe.setup import service
+from lightprobe.setup.web import Setup
+
+_OWNER = "owner"
+_PORT = 7703
+_CONFIG = Path("/etc/lightprobe/lightprobed.conf")
+
+
+def command(
+    config: Annotated[
+        Path, typer.Option(help="Configuration of the daemon that is set up.")
+    ] = _CONFIG,
+    port: Annotated[
+        int, typer.Option(min=0, max=65535, help="Port of the page; 0: a free one.")
+    ] = _PORT,
+    network: Annotated[
+        bool,
+        typer.Option(
+            "--network", help="Serve the network, encrypted; default: this machine alone."
+        ),
+    ] = False,
+    folder: Annotated[
+        Path | None,
+        typer.Option(
+            "--dir", help="Folder of key, certificate and owner's token, as of lightprobe pair."
+        ),
+    ] = None,
+    new: Annotated[
+        bool, typer.Option("--new", help="Make another owner's token: the former is out.")
+    ] = False,
+    page: Annotated[
+        Path | None, typer.Option(help="Folder of setup.html; default: the installed one.")
+    ] = None,
+) -> None:
+    """Serve a page to set up this probe: camera, boards, calibration, settings.
+
+    Prints the page's address, which holds the owner's token: who has it can change everything.
+    Where systemd runs lightprobed, it sets up that service, as root. With another --config it runs
+    lightprobed itself. Example: sudo lightprobe setup --network
+    """
+    page = page or installation.viewer()
+    if page is None or not (page / "setup.html").is_file():
+        raise LightprobeError(
+            "setup: the page is not installed beside this command: run `make web`"
+        )
+    folder = folder or pair.default_folder()
+    try:
+        token, hosts, tls = _owner(folder, network, new)
+    except OSError as error:
+        raise LightprobeError(
+            f"setup: {error.filename or folder}: {error.strerror}: run it as a user who may, or "
+            "name another --dir"
+        ) from None
+    with tempfile.TemporaryDirectory(prefix="lightprobe-setup-") as scratch:
+        probe = _service(config, Path(scratch))
+        listening = _listen(network, port)
+        host = pair.shown_host(hosts) if network else "127.0.0.1"
+        address = (
+            f"{'https' if tls else 'http'}://{f'[{host}]' if ':' in host else host}"
+            f":{listening.getsockname()[1]}/setup.html#owner={token}"
+        )
+        if network:
+            segno.make(address, error="m").terminal(out=sys.stdout, compact=True)
+        print(address, flush=True)
+        try:
+            web.run_app(
+                Setup(token, config, probe, page).application(), sock=listening, ssl_context=tls,
+                print=None, access_log=None, handle_signals=True,
+            )  # fmt: skip
+        finally:
+            if isinstance(probe, service.Child):
+                probe.stop()
+
+
+def _service(config: Path, scratch: Path) -> service.Service:
+    """The one of systemd that has this configuration, else a child process."""
+    if config == _CONFIG and Path("/run/systemd/system").is_dir():
+        if os.geteuid() != 0:
+            raise LightprobeError(
+                f"setup: {service.UNIT}: only root may change it: sudo lightprobe setup, or name "
+                "another --config"
+            )
+        return service.Systemd()
+    if not config.is_file():
+        raise LightprobeError(
+            f"setup: {config}: no such file: name one with --config; it may be empty but for "
+            "publish = …"
+        )
+    return service.Child(config, scratch / "log")
+
+
+def _owner(folder: Path, network: bool, new: bool) -> tuple[str, list[str], ssl.SSLContext | None]:
+    """Token, names, and keys of the page; made where they are missing. Raises OSError."""
+    hosts, tls = ["127.0.0.1"], None
+    if network:
+        if not (folder / pair.CERTIFICATE).exists():
+            pair.make(folder, pair.own_hosts())
+        hosts = pair.read(folder).hosts
+        tls = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+        tls.load_cert_chain(folder / pair.CERTIFICATE, folder / pair.KEY)
+    file = folder / _OWNER
+    if new or not file.exists():
+        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        pair.write_secret(file, secrets.token_urlsafe(24).encode() + b"\n")
+    return file.read_text().strip(), hosts, tls
+
+
+def _listen(network: bool, port: int) -> socket.socket:
+    where = (
+        ("::", port)
+        if network and socket.has_dualstack_ipv6()
+        else ("0.0.0.0" if network else "127.0.0.1", port)
+    )
+    try:
+        return socket.create_server(
+            where, family=socket.AF_INET6 if ":" in where[0] else socket.AF_INET,
+            dualstack_ipv6=":" in where[0],
+        )  # fmt: skip
+    except OSError as error:
+        raise LightprobeError(
+            f"setup: port {port}: {error.strerror}: name another --port"
+        ) from None

@@ -1,0 +1,105 @@
+"""One running task: its process, what it says, and the Enter that it waits for."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import os
+import signal
+import sys
+import tempfile
+import time
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from lightprobe.setup.tasks import Task
+
+_MOST_LINES, _LONGEST_LINE = 2000, 2000
+_END_S = 20.0
+
+
+@dataclass(eq=False)
+class Job:
+    """A task that runs or has run. Use within one event loop."""
+
+    task: Task
+    writes: Path | None  # camera file
+    folder: tempfile.TemporaryDirectory[str] = field(
+        default_factory=lambda: tempfile.TemporaryDirectory(prefix="lightprobe-setup-")
+    )
+    lines: deque[str] = field(default_factory=lambda: deque(maxlen=_MOST_LINES))
+    said: int = 0  # lines so far, also those that are gone
+    status: int | None = None  # exit status; None: it runs
+    began_s: float = field(default_factory=time.monotonic)
+    began_ns: int = field(default_factory=time.time_ns)
+    ended_s: float | None = None
+    _process: asyncio.subprocess.Process | None = None
+
+    async def run(self, words: Sequence[str]) -> None:
+        """Run `lightprobe WORDS` to its end; what it says becomes lines."""
+        environment = os.environ | {"COLUMNS": "100", "NO_COLOR": "1", "PYTHONUNBUFFERED": "1"}
+        try:
+            self._process = await asyncio.create_subprocess_exec(
+                sys.executable, "-P", "-m", "lightprobe", *words,
+                stdin=asyncio.subprocess.PIPE, stdout=asyncio.subprocess.PIPE,
+                stderr=asyncio.subprocess.STDOUT, env=environment, cwd=self.folder.name,
+                start_new_session=True,
+            )  # fmt: skip
+            output = self._process.stdout
+            assert output is not None
+            rest = b""
+            while data := await output.read(4096):
+                *whole, rest = (rest + data).split(b"\n")
+                rest = rest[-_LONGEST_LINE:]
+                for line in whole:
+                    self.say(line.decode(errors="replace").rstrip())
+            if rest:
+                self.say(rest.decode(errors="replace").rstrip())
+            self.status = await self._process.wait()
+        except OSError as error:
+            self.say(f"setup: {self.task.name}: start: {error.strerror}")
+            self.status = 1
+        finally:
+            self.ended_s = time.monotonic()
+
+    def say(self, line: str) -> None:
+        """Add a line."""
+        self.lines.append(line[:_LONGEST_LINE])
+        self.said += 1
+
+    def answer(self, skip: bool) -> None:
+        """Press Enter; skip: leave the step out."""
+        if self._process and self._process.stdin and self.status is None:
+            self._process.stdin.write(b"s\n" if skip else b"\n")
+
+    async def stop(self) -> None:
+        """End it, as Ctrl-C does, and in the end without asking."""
+        process = self._process
+        if process is None or process.returncode is not None:
+            return
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGKILL):
+            with contextlib.suppress(ProcessLookupError):
+                os.killpg(process.pid, number)
+            with contextlib.suppress(TimeoutError):
+                await asyncio.wait_for(process.wait(), _END_S)
+                return
+
+    def _has_written(self) -> bool:
+        if self.writes is None or self.status is None or not self.writes.is_file():
+            return False
+        return self.writes.stat().st_mtime_ns >= self.began_ns
+
+    def told(self, after: int) -> dict[str, Any]:
+        """What the page shows: lines behind the first `after`, and how it stands."""
+        new = max(self.said - max(after, self.said - len(self.lines)), 0)
+        ended_s = self.ended_s if self.ended_s is not None else time.monotonic()
+        there = [name for name in self.task.files if (Path(self.folder.name) / name).is_file()]
+        return {
+            "task": self.task.name, "status": self.status, "said": self.said,
+            "lines": list(self.lines)[len(self.lines) - new :],
+            "seconds": ended_s - self.began_s, "files": there,
+            "written": str(self.writes) if self._has_written() else None,
+        }  # fmt: skip

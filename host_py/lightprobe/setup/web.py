@@ -1,0 +1,261 @@
+"""The set-up page's server: for the owner's token alone, one task at a time.
+
+Each request under /api/ carries `Authorization: Bearer TOKEN`, which no other page can send: it
+would need an answer to a preflight, and there is none. A request from a page of elsewhere is
+refused besides, by its Origin.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import hmac
+import json
+import socket
+from collections.abc import Awaitable, Callable
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from aiohttp import web
+
+from lightprobe import __version__
+from lightprobe.errors import LightprobeError, UsageError
+from lightprobe.setup import choices, service, settings, tasks
+from lightprobe.setup.job import Job
+
+_MOST_BYTES = 65536
+#: After a wrong token, so that nobody tries many.
+_WRONG_TOKEN_S = 1.0
+_POLL_S = 1.0
+_PAGE = "setup.html"
+_HEADERS = {
+    "Content-Security-Policy": "default-src 'self'; img-src 'self' blob: data:; "
+    "base-uri 'none'; form-action 'none'; frame-ancestors 'none'",
+    "X-Content-Type-Options": "nosniff",
+    "Referrer-Policy": "no-referrer",
+    "Cache-Control": "no-store",
+}
+_Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
+
+
+class Setup:
+    """What the page may see and do."""
+
+    def __init__(self, token: str, config: Path, daemon: service.Service, page: Path) -> None:
+        """`token`: the owner's; `page`: the folder with setup.html."""
+        self._token, self._config, self._daemon, self._page = token, config, daemon, page
+        self._job: Job | None = None
+        self._running: asyncio.Task[None] | None = None
+        self._busy = asyncio.Lock()
+
+    def application(self) -> web.Application:
+        """Give the routes."""
+        app = web.Application(middlewares=[self._guard], client_max_size=_MOST_BYTES)
+        app.add_routes([
+            web.get("/api/state", self._state), web.put("/api/settings", self._set),
+            web.post("/api/restart", self._restart), web.post("/api/job", self._begin),
+            web.get("/api/job", self._told), web.post("/api/job/answer", self._answer),
+            web.post("/api/job/stop", self._stop),
+            web.get("/api/job/files/{name}", self._file), web.get("/", self._index),
+            web.get("/{name:setup[.](?:html|js|css)|style[.]css}", self._static),
+        ])  # fmt: skip
+        app.on_startup.append(self._on_start)
+        app.on_shutdown.append(self._on_end)
+        return app
+
+    # ------------------------------------------------------------ who may
+
+    @web.middleware
+    async def _guard(self, request: web.Request, handler: _Handler) -> web.StreamResponse:
+        try:
+            if request.path.startswith("/api/"):
+                await self._check_owner(request)
+            response = await handler(request)
+        except web.HTTPException as error:
+            response = _problem(error.status, error.text or error.reason)
+        except UsageError as error:
+            response = _problem(422, str(error))
+        except LightprobeError as error:
+            response = _problem(409, str(error))
+        for name, value in _HEADERS.items():
+            response.headers.setdefault(name, value)
+        return response
+
+    async def _check_owner(self, request: web.Request) -> None:
+        origin = request.headers.get("Origin")
+        if origin is not None and origin != f"{request.scheme}://{request.host}":
+            raise web.HTTPForbidden(text="setup: a page of elsewhere may not set up this probe")
+        kind, _, given = request.headers.get("Authorization", "").partition(" ")
+        if kind != "Bearer" or not hmac.compare_digest(
+            given.encode(errors="replace"), self._token.encode()
+        ):
+            await asyncio.sleep(_WRONG_TOKEN_S)
+            raise web.HTTPUnauthorized(
+                text="setup: not the owner's token: open the address that `lightprobe setup` prints"
+            )
+
+    # ------------------------------------------------------------ settings
+
+    async def _state(self, _request: web.Request) -> web.Response:
+        text = self._text()
+        folder = self._config.parent
+        found = settings.values(text)
+        return web.json_response({
+            "name": found.get("name", [socket.gethostname()])[0], "version": __version__,
+            "config": str(self._config), "settings": found, "text": text,
+            "runs": await asyncio.to_thread(lambda: self._daemon.runs),
+            "log": await asyncio.to_thread(self._daemon.log),
+            "probe": service.local_address(found),
+            "sources": [asdict(one) for one in choices.sources()],
+            "ports": [asdict(one) for one in choices.ports()],
+            "cameras": [asdict(one) for one in choices.camera_files(folder)],
+            "tasks": [asdict(task) for task in tasks.TASKS],
+        })  # fmt: skip
+
+    def _text(self) -> str:
+        try:
+            return self._config.read_text(encoding="utf-8")
+        except FileNotFoundError:
+            return ""
+        except (OSError, UnicodeDecodeError) as error:
+            raise LightprobeError(f"setup: {self._config}: read: {error}") from None
+
+    async def _set(self, request: web.Request) -> web.Response:
+        """Take {"set": {NAME: [VALUE, …]}} or {"text": the whole file}."""
+        wanted = await _json(request)
+        if isinstance(wanted.get("text"), str):
+            text = wanted["text"]
+        else:
+            text = settings.changed(self._text(), _lists(wanted.get("set")))
+        async with self._alone():
+            await asyncio.to_thread(service.apply, self._daemon, self._config, text)
+        return web.json_response({})
+
+    async def _restart(self, _request: web.Request) -> web.Response:
+        async with self._alone():
+            found = settings.values(self._text())
+            await asyncio.to_thread(service.restart, self._daemon, found)
+        return web.json_response({})
+
+    @contextlib.asynccontextmanager
+    async def _alone(self) -> Any:
+        """No task runs meanwhile, and nobody else changes anything."""
+        if self._busy.locked() or (self._running and not self._running.done()):
+            raise LightprobeError("setup: something else is running: wait for it, or stop it")
+        async with self._busy:
+            yield
+
+    # ------------------------------------------------------------ tasks
+
+    async def _begin(self, request: web.Request) -> web.Response:
+        """Take {"task": NAME, "fields": {NAME: VALUE}}."""
+        wanted = await _json(request)
+        task = tasks.named(str(wanted.get("task")))
+        given = {name: str(value) for name, value in _dict(wanted.get("fields")).items()}
+        async with self._alone():
+            job = Job(task, None)
+            words = tasks.words(task, given, Path(job.folder.name), self._config.parent)
+            if task.writes:
+                field = next(one for one in task.fields if one.name == task.writes)
+                name = given.get(task.writes, field.initial).strip()
+                job.writes = self._config.parent / f"{name}.camera"
+            if self._job:
+                self._job.folder.cleanup()
+            self._job = job
+            self._running = asyncio.create_task(self._run(job, words))
+        return web.json_response({})
+
+    async def _run(self, job: Job, words: list[str]) -> None:
+        """Run it; the daemon ends meanwhile where it uses the same devices."""
+        frees = job.task.takes_devices and await asyncio.to_thread(lambda: self._daemon.runs)
+        if frees:
+            await asyncio.to_thread(self._daemon.stop)
+        try:
+            await job.run(words)
+        finally:
+            if frees:
+                try:
+                    await asyncio.to_thread(self._daemon.start)
+                except LightprobeError as error:
+                    job.say(str(error))
+
+    def _present(self) -> Job:
+        if self._job is None:
+            raise web.HTTPNotFound(text="setup: no task has been begun")
+        return self._job
+
+    async def _told(self, request: web.Request) -> web.Response:
+        """Lines behind ?after=N, as soon as there are any, or when it has ended."""
+        job = self._present()
+        after = request.query.get("after", "0")
+        said = int(after) if after.isascii() and after.isdigit() else 0
+        for _ in range(round(_POLL_S / 0.1)):
+            if job.said != said or job.status is not None:
+                break
+            await asyncio.sleep(0.1)
+        return web.json_response(job.told(said))
+
+    async def _answer(self, request: web.Request) -> web.Response:
+        self._present().answer(skip=(await _json(request)).get("skip") is True)
+        return web.json_response({})
+
+    async def _stop(self, _request: web.Request) -> web.Response:
+        await self._present().stop()
+        return web.json_response({})
+
+    async def _file(self, request: web.Request) -> web.StreamResponse:
+        job = self._present()
+        name = request.match_info["name"]
+        path = Path(job.folder.name) / name
+        if name not in job.task.files or not path.is_file():
+            raise web.HTTPNotFound(text=f"setup: {name[:60]}: no file of this task")
+        # A report may hold scripts: they get no rights of this page.
+        return web.FileResponse(path, headers={"Content-Security-Policy": "sandbox allow-scripts"})
+
+    # ------------------------------------------------------------ page, begin and end
+
+    async def _index(self, _request: web.Request) -> web.StreamResponse:
+        raise web.HTTPFound(f"/{_PAGE}")
+
+    async def _static(self, request: web.Request) -> web.StreamResponse:
+        path = self._page / request.match_info["name"]
+        if not path.is_file():
+            raise web.HTTPNotFound(text=f"setup: {path.name}: is not installed: run `make web`")
+        return web.FileResponse(path)
+
+    async def _on_start(self, _app: web.Application) -> None:
+        """Start the daemon: a task that was cut off may have left it ended."""
+        with contextlib.suppress(LightprobeError):  # its log says why, and the page shows that
+            await asyncio.to_thread(self._daemon.start)
+
+    async def _on_end(self, _app: web.Application) -> None:
+        if self._job and self._running:
+            await self._job.stop()
+            await self._running
+            self._job.folder.cleanup()
+
+
+def _problem(status: int, words: str) -> web.Response:
+    return web.json_response({"problem": words}, status=status)
+
+
+async def _json(request: web.Request) -> dict[str, Any]:
+    try:
+        return _dict(await request.json())
+    except (json.JSONDecodeError, UnicodeDecodeError):
+        raise web.HTTPBadRequest(text="setup: expected JSON") from None
+
+
+def _dict(value: Any) -> dict[str, Any]:
+    if not isinstance(value, dict):
+        raise web.HTTPBadRequest(text="setup: expected an object of JSON")
+    return value
+
+
+def _lists(value: Any) -> dict[str, list[str]]:
+    wanted = _dict(value)
+    for values in wanted.values():
+        if not isinstance(values, list) or not all(isinstance(one, str) for one in values):
+            raise web.HTTPBadRequest(text="setup: expected lists of texts")
+    return wanted

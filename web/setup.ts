@@ -1,0 +1,231 @@
+// SPDX-License-Identifier: Apache-2.0
+/** The page of `lightprobe setup`: settings, and tasks that are commands of `lightprobe`. */
+
+interface Choice { value: string; words: string }
+interface Field { name: string; label: string; kind: string; initial: string; choices: string[] }
+interface Task {
+  name: string; title: string; words: string; fields: Field[]; takes_devices: boolean; asks: boolean; minutes: number; setting: string; next_step: string;
+}
+interface State {
+  name: string; version: string; config: string; text: string; runs: boolean; log: string[]; probe: string | null; settings: Record<string, string[]>;
+  sources: Choice[]; ports: Choice[]; cameras: Choice[]; tasks: Task[];
+}
+interface Told { task: string; status: number | null; said: number; lines: string[]; seconds: number; files: string[]; written: string | null }
+
+const element = <T extends HTMLElement>(id: string): T => document.getElementById(id) as T;
+const owner = new URLSearchParams(location.hash.slice(1)).get("owner") ?? "";
+const MOST_LINES = 2000;
+let state: State | undefined;
+
+/** Ask the probe; rejects with its words. */
+async function ask<T>(method: string, path: string, body?: unknown): Promise<T> {
+  let answer: Response;
+  try {
+    answer = await fetch(`/api/${path}`, { method, headers: { Authorization: `Bearer ${owner}` }, ...(body === undefined ? {} : { body: JSON.stringify(body) }) });
+  } catch {
+    throw new Error("The probe does not answer. Is `lightprobe setup` still running, and is this device in its network?");
+  }
+  const said = (await answer.json().catch(() => ({}))) as { problem?: string };
+  if (!answer.ok) throw new Error(said.problem ?? `The probe answers ${answer.status}.`);
+  return said as T;
+}
+
+function show(problem: string): void {
+  const place = element("problem");
+  place.textContent = problem;
+  place.hidden = !problem;
+  if (problem) place.scrollIntoView({ block: "nearest" });
+}
+
+/** Do something for the user; what goes wrong is shown. */
+async function act(work: () => Promise<void>): Promise<void> {
+  show("");
+  try {
+    await work();
+  } catch (error) {
+    show((error as Error).message);
+  }
+}
+
+/** While the probe restarts or a task runs, nothing else can be begun. */
+function busy(is: boolean): void {
+  for (const button of document.querySelectorAll<HTMLButtonElement>("#settings button, #tasks button, #save-text, #use")) button.disabled = is;
+}
+
+// ------------------------------------------------------------------ settings
+
+const form = element<HTMLFormElement>("settings");
+const controls = (): (HTMLInputElement | HTMLSelectElement | HTMLTextAreaElement)[] =>
+  [...form.querySelectorAll<HTMLInputElement | HTMLSelectElement | HTMLTextAreaElement>("input, select, textarea")];
+const IN_LISTS = new Set(["publish"]);
+
+function fill(list: string, choices: Choice[]): void {
+  element(list).replaceChildren(...choices.map(({ value, words }) => Object.assign(document.createElement("option"), { value, textContent: words })));
+}
+
+async function look(): Promise<void> {
+  state = await ask<State>("GET", "state");
+  element("name").textContent = state.name;
+  element("status").textContent = `${state.runs ? "runs" : "does not run: see its log below"}, version ${state.version}`;
+  element("status").classList.toggle("bad", !state.runs);
+  for (const control of controls()) {
+    const values = state.settings[control.name] ?? [];
+    control.value = values.join("\n") || (control.name === "preset" ? "balanced" : "");
+    const several = values.length > 1 && !IN_LISTS.has(control.name);
+    control.disabled = several;
+  }
+  element("several").hidden = (state.settings["source"]?.length ?? 0) < 2;
+  fill("sources", state.sources);
+  fill("cameras", [{ value: "equirect", words: "a whole sphere, already flattened" }, ...state.cameras]);
+  fill("boards", state.ports.map(({ value, words }) => ({ value: `mcu:${value}`, words })));
+  element("log").textContent = state.log.join("\n");
+  element("config").textContent = state.config;
+  element<HTMLTextAreaElement>("text").value = state.text;
+}
+
+async function change(body: unknown): Promise<void> {
+  busy(true);
+  element("status").textContent = "is restarted";
+  try {
+    await ask("PUT", "settings", body);
+  } finally {
+    busy(false);
+    await look();
+  }
+}
+
+form.addEventListener("submit", (event) => {
+  event.preventDefault();
+  const set: Record<string, string[]> = {};
+  for (const control of controls()) {
+    const values = control.value.split("\n").map((value) => value.trim()).filter(Boolean);
+    const before = state?.settings[control.name] ?? [];
+    if (!control.disabled && values.join("\n") !== before.join("\n") && !(control.name === "preset" && !before.length && control.value === "balanced")) set[control.name] = values;
+  }
+  void act(() => change({ set }));
+});
+element("restart").addEventListener("click", () => void act(async () => {
+  busy(true);
+  try {
+    await ask("POST", "restart");
+  } finally {
+    busy(false);
+    await look();
+  }
+}));
+element("save-text").addEventListener("click", () => void act(() => change({ text: element<HTMLTextAreaElement>("text").value })));
+
+// ------------------------------------------------------------------ tasks
+
+/** What a field begins with: what the probe uses now. */
+function initial(field: Field): string {
+  const board = (state?.settings["rotator"] ?? state?.settings["ring"] ?? [])[0];
+  switch (field.kind) {
+    case "source": return state?.settings["source"]?.[0] ?? state?.sources[0]?.value ?? "v4l2:";
+    case "port": return board?.startsWith("mcu:") ? board.slice(4).split("?")[0]! : state?.ports[0]?.value ?? "serial:/dev/lightprobe-mcu";
+    case "probe": return state?.probe ?? "tcp:127.0.0.1:7700";
+    default: return field.initial;
+  }
+}
+
+function control(field: Field): HTMLInputElement | HTMLSelectElement {
+  if (field.kind === "choice") {
+    const select = document.createElement("select");
+    select.append(...field.choices.map((value) => new Option(value, value, value === field.initial)));
+    return select;
+  }
+  const input = document.createElement("input");
+  input.autocomplete = "off";
+  if (field.kind === "number") Object.assign(input, { type: "number", step: "any", required: true });
+  if (field.kind === "source") input.setAttribute("list", "sources");
+  return input;
+}
+
+function card(task: Task): HTMLFormElement {
+  const place = document.createElement("form");
+  place.className = "task";
+  place.dataset["task"] = task.name;
+  const fold = document.createElement("details");
+  const title = Object.assign(document.createElement("summary"), { textContent: task.title });
+  const took = task.minutes < 0.5 ? "" : ` Takes about ${task.minutes < 1.5 ? "a minute" : `${Math.round(task.minutes)} minutes`}.`;
+  const words = Object.assign(document.createElement("p"), { className: "dim", textContent: `${task.words}${took}${task.takes_devices ? " The probe sends no light meanwhile." : ""}` });
+  const inputs = task.fields.map((field) => ({ field, input: control(field) }));
+  const labels = inputs.map(({ field, input }) => {
+    const label = document.createElement("label");
+    if (field.kind !== "choice") input.value = initial(field);
+    label.append(`${field.label} `, input);
+    return label;
+  });
+  const begin = Object.assign(document.createElement("button"), { textContent: "Begin" });
+  fold.append(title, words, ...labels, begin);
+  place.append(fold);
+  place.addEventListener("submit", (event) => {
+    event.preventDefault();
+    const fields = Object.fromEntries(inputs.map(({ field, input }) => [field.name, input.value]));
+    void act(async () => {
+      await ask("POST", "job", { task: task.name, fields });
+      await follow();
+    });
+  });
+  return place;
+}
+
+async function picture(name: string): Promise<HTMLElement> {
+  const answer = await fetch(`/api/job/files/${name}`, { headers: { Authorization: `Bearer ${owner}` } });
+  if (!answer.ok) throw new Error(`${name}: the probe answers ${answer.status}.`);
+  const url = URL.createObjectURL(await answer.blob());
+  return name.endsWith(".png")
+    ? Object.assign(document.createElement("img"), { src: url, alt: name })
+    : Object.assign(document.createElement("a"), { href: url, download: name, textContent: `Save ${name}` });
+}
+
+/** Show a task until it ends. */
+async function follow(): Promise<void> {
+  const output = element("output"), lines: string[] = [];
+  let said = 0;
+  busy(true);
+  element("files").replaceChildren();
+  output.textContent = "";
+  element("running-state").textContent = "runs";
+  element("running").hidden = false;
+  element("running").scrollIntoView({ block: "start" });
+  try {
+    for (;;) {
+      const told = await ask<Told>("GET", `job?after=${said}`);
+      const task = state!.tasks.find(({ name }) => name === told.task)!;
+      said = told.said;
+      lines.push(...told.lines);
+      lines.splice(0, lines.length - MOST_LINES);
+      output.textContent = lines.join("\n");
+      output.scrollTop = output.scrollHeight;
+      element("running-title").textContent = task.title;
+      element("while-running").hidden = told.status !== null;
+      for (const id of ["continue", "skip"]) element(id).hidden = !task.asks;
+      const seconds = Math.round(told.seconds);
+      element("running-state").textContent = told.status === null ? `runs, ${seconds} s` : `${told.status === 0 ? "done" : `ended with status ${told.status}: read what it says`}, after ${seconds} s`;
+      element("next").textContent = told.status === 0 ? task.next_step : "";
+      const use = element<HTMLButtonElement>("use");
+      use.hidden = !(told.written && task.setting);
+      use.textContent = `Use ${told.written?.split("/").pop()}`;
+      use.onclick = () => void act(() => change({ set: { [task.setting]: [told.written!] } }));
+      if (told.status === null) continue;
+      element("files").replaceChildren(...(await Promise.all(told.files.map(picture))));
+      break;
+    }
+  } finally {
+    busy(false);
+    await look();
+  }
+}
+
+element("continue").addEventListener("click", () => void act(() => ask("POST", "job/answer", { skip: false })));
+element("skip").addEventListener("click", () => void act(() => ask("POST", "job/answer", { skip: true })));
+element("stop").addEventListener("click", () => void act(() => ask("POST", "job/stop")));
+
+void act(async () => {
+  if (!owner) throw new Error("This page needs the owner's token: open the address that `lightprobe setup` prints.");
+  await look();
+  element("tasks").replaceChildren(...state!.tasks.map(card));
+  const told = await ask<Told>("GET", "job?after=0").catch(() => undefined);
+  if (told) await follow(); // begun before this page was opened, or opened anew
+});
