@@ -205,6 +205,17 @@ def test_flash_mends_a_chip_whose_program_is_destroyed(tmp_path: Path) -> None:
         assert "SETTLED at 0.00°" in mcu(tmp_path, "home")
 
 
+def test_flash_puts_the_former_firmware_back(tmp_path: Path) -> None:
+    """When the new one does not answer: here its reset vector jumps to itself."""
+    dead = tmp_path / "dead.hex"
+    dead.write_text(":02000000FFCF30\n:00000001FF\n")
+    with Box("avr", tmp_path / "mcu"):
+        words = mcu(tmp_path, "flash", "--hex", str(dead), status=1)
+        assert "the new firmware does not answer" in words
+        assert "the former one is back, and firmware 0.1.0 answers" in words
+        assert "SETTLED at 0.00°" in mcu(tmp_path, "home")
+
+
 def test_flash_that_misses_the_boot_loader_resets_the_chip_again(tmp_path: Path) -> None:
     """As on a busy machine: the boot loader has stopped listening before avrdude speaks."""
     late = tmp_path / "bin" / "avrdude"

@@ -6,10 +6,11 @@ import os
 import shutil
 import subprocess
 import sys
+import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, NoReturn
 
 import typer
 
@@ -23,6 +24,8 @@ from lightprobe.sim.box import ENVIRONMENT as FOLDER
 #: cannot reset the chip itself, as on a line without DTR.
 _ATTEMPTS = 3
 _ATMEGABOOT_BAUD = 57600
+#: Boot loaders of the ATmega328P are in its last 2 KiB, or less.
+_BOOT_LOADER = 0x7800
 _ATMEGABOOT_WARNING = (
     "lightprobe: mcu: flash: warning: this boot loader (ATmegaBOOT) hangs after a watchdog reset "
     "until the power is cut: burn Optiboot with a programmer (docs/builders/bring_up.md)"
@@ -48,11 +51,13 @@ def command(
             min=300, max=2_000_000, help="Baud rate of the boot loader; old Nanos: 57600."
         ),
     ] = 115200,
-    verify: Annotated[bool, typer.Option(help="Check that the new firmware answers.")] = True,
+    verify: Annotated[
+        bool, typer.Option(help="Check that it answers, else put the former one back.")
+    ] = True,
 ) -> None:
     """Write the firmware through the boot loader of an Arduino, and check that it answers.
 
-    Parameters in the EEPROM stay.
+    Parameters in the EEPROM stay. When it does not answer, the former firmware is written back.
     """
     scheme, _, device = port.removeprefix("mcu:").partition("?")[0].partition(":")
     if scheme != "serial" or not device:
@@ -69,8 +74,23 @@ def command(
         raise McuError("mcu: flash: avrdude is not installed: apt install avrdude")
     if boot_baud == _ATMEGABOOT_BAUD:
         print(_ATMEGABOOT_WARNING, file=sys.stderr)
-    avrdude = ["avrdude", "-p", "m328p", "-c", "arduino", "-P", device, "-b", str(boot_baud),
-               "-U", f"flash:w:{hex_file}:i"]  # fmt: skip
+    with tempfile.TemporaryDirectory(prefix="lightprobe-flash-") as folder:
+        former = Path(folder) / "former.hex"
+        keep = [f"flash:r:{former}:i"] if verify else []
+        _program(port, device, boot_baud, *keep, f"flash:w:{hex_file}:i")
+        if not verify:
+            return
+        try:
+            print(f"{port}: firmware {_answer(port)} answers")
+        except McuError as error:
+            _put_back(port, device, boot_baud, former, str(error))
+
+
+def _program(port: str, device: str, boot_baud: int, *memories: str) -> None:
+    """Read and write by avrdude, in this order; tries again, as the boot loader listens briefly."""
+    avrdude = ["avrdude", "-p", "m328p", "-c", "arduino", "-P", device, "-b", str(boot_baud)]
+    for memory in memories:
+        avrdude += ["-U", memory]
     for attempt in range(1, _ATTEMPTS + 1):
         with words(port, "open"), _locked(device) as descriptor:
             status = subprocess.run(avrdude).returncode
@@ -78,18 +98,47 @@ def command(
             if descriptor is not None:
                 keep_dtr(descriptor, keep=status == 0)
         if status == 0:
-            break
+            return
         print(f"lightprobe: mcu: flash: {device}: attempt {attempt} of {_ATTEMPTS}: avrdude ended "
               f"with status {status}", file=sys.stderr)  # fmt: skip
-    else:
+    raise McuError(
+        f"mcu: flash: {device}: avrdude ended with status {status}: is it the right "
+        f"port? for an old boot loader add --boot-baud=57600"
+    )
+
+
+def _answer(port: str) -> str:
+    """Version of the firmware that answers; raises McuError."""
+    with session(port) as link:
+        return ".".join(str(link.greeting[f"firmware_{part}"])
+                        for part in ("major", "minor", "patch"))  # fmt: skip
+
+
+def _put_back(port: str, device: str, boot_baud: int, former: Path, why: str) -> NoReturn:
+    """Write the former firmware again; raises McuError that says what runs now."""
+    former.write_text(_without_boot_loader(former.read_text()))
+    _program(port, device, boot_baud, f"flash:w:{former}:i")
+    try:
+        version = _answer(port)
+    except McuError:
         raise McuError(
-            f"mcu: flash: {device}: avrdude ended with status {status}: is it the right "
-            f"port? for an old boot loader add --boot-baud=57600"
-        )
-    if verify:
-        with session(port) as link:
-            parts = (link.greeting[f"firmware_{part}"] for part in ("major", "minor", "patch"))
-            print(f"{port}: firmware {'.'.join(map(str, parts))} answers")
+            f"mcu: flash: {device}: neither the new firmware answers ({why}) nor the former one, "
+            "which is back: look at the wiring, then try again"
+        ) from None
+    raise McuError(
+        f"mcu: flash: {device}: the new firmware does not answer ({why}): the former one is back, "
+        f"and firmware {version} answers"
+    )
+
+
+def _without_boot_loader(intel_hex: str) -> str:
+    """Leave out what lies where a boot loader may be: it must not write over itself."""
+    kept = []
+    for line in intel_hex.splitlines():
+        is_data = line[7:9] == "00"
+        if not is_data or int(line[3:7], 16) < _BOOT_LOADER:
+            kept.append(line)
+    return "\n".join(kept) + "\n"
 
 
 @contextmanager

@@ -116,6 +116,12 @@ TASKS = (
         next_step="The report is the evidence that this box works. Keep it.",
     ),
     Task(
+        "flash", "Update the microcontroller",
+        "Writes the firmware that belongs to this version. Calibration stays. When the new one "
+        "does not answer, the former one is written back.",
+        ("mcu", "flash", "--port={port}"), (_PORT,), takes_devices=True, minutes=0.5,
+    ),
+    Task(
         "pair", "Let clients on the network in",
         "Makes key, certificate and token, and shows the address for clients. Who has it can read "
         "the light, and change nothing.",
