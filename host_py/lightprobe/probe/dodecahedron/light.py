@@ -23,15 +23,16 @@ from lightprobe.probe.dodecahedron.pose import FOLD_SIGMA_DEG
 from lightprobe.probe.dodecahedron.reflectance import Faces
 from lightprobe.probe.kinds import ProbeError
 
-#: 1 sigma of how even light differs between faces, of the darkest face (a choice, as a rod's).
-AMBIENT_SIGMA = 0.3
+#: 1 sigma of how even light differs between faces, of the darkest face; and over all normals, of
+#: its mean (choices, by what tests/accuracy/dodecahedra.py shows).
+_UNEVEN, AMBIENT_SIGMA = 0.25, 0.3
 #: Of a face's level: what its colours share (print, shading of the lens, response), what each has
 #: for itself, and both of the brightest face.
 _SHARED, _OWN, _FLOOR = 0.008, 0.004, 0.002
 #: A lamp is listed when it makes the fit better by so much of χ²; at most so many are.
 _BETTER, _MOST_LAMPS = 20.0, 3
 #: 1 sigma of 1 / distance of a lamp, before anything is seen: in 1 / mm.
-_NEARNESS_MM = 1 / 1200
+_NEARNESS_MM = 1 / 500
 _NEAREST = 0.25  # in 1 / edges
 #: A distance is told when 1 / distance is so many sigmas from 0.
 _CLEARLY_NEAR = 4.0
@@ -154,7 +155,7 @@ class _Fit:
         cosine = np.clip(self.faces.normals @ self.faces.normals.T, -1, 1)
         # Irradiance has little of second order: a quarter of radiance's, of the first two thirds.
         alike = cosine + 0.15 * (1.5 * cosine**2 - 0.5)
-        level = AMBIENT_SIGMA * self.values.min(axis=0)
+        level = _UNEVEN * self.values.min(axis=0)
         colours = 0.8 * np.outer(level, level) + 0.2 * np.diag(level**2)
         return np.asarray(np.kron(alike, colours), np.float64)
 
@@ -300,7 +301,7 @@ class _Fit:
     def _slope(self, state: _State) -> Array:
         """What the residuals tell of how the light from everywhere changes (3, 3)."""
         shared = solve_triangular(self._root.T, state.off, lower=False)
-        level = AMBIENT_SIGMA * self.values.min(axis=0)
+        level = _UNEVEN * self.values.min(axis=0)
         colours = 0.8 * np.outer(level, level) + 0.2 * np.diag(level**2)
         return np.asarray(self.faces.normals.T @ shared.reshape(-1, 3) @ colours)
 

@@ -68,7 +68,7 @@ def faces() -> tuple[Face, ...]:
     """All twelve, by number."""
     top = Face(np.array([0.0, 1, 0]), _from_above(pentagon()))
     ring = [_beside(top, k) for k in range(5)]
-    bottom = Face(-top.normal, -top.vertices)
+    bottom = Face(-top.normal, -np.roll(top.vertices[::-1], 1, axis=0))
     lower = [_beside(bottom, k) for k in range(5)]
     return (top, *ring, *lower, bottom)
 
