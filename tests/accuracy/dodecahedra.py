@@ -171,8 +171,10 @@ def table(cases: list[Case]) -> str:
         sigmas = np.array([s for case in good for s in case.directions_sigmas])
         relit = np.array([case.relighting for case in good])
         held = np.mean([case.relighting_sigmas < 3 for case in good]) if good else np.nan
-        directions = f"{np.sqrt(np.mean(angles**2)):.1f}° ({angles.max():.1f}°)" if len(angles) else "–"
-        within = f"{100 * np.mean(sigmas < 3):.0f} %" if len(angles) else "–"
+        directions = within = "–"
+        if len(angles):
+            directions = f"{np.sqrt(np.mean(angles**2)):.1f}° ({angles.max():.1f}°)"
+            within = f"{100 * np.mean(sigmas < 3):.0f} %"
         missed = sum(case.missed for case in mine)
         rows.append(
             f"| {kind} | {count} | {len(mine)}, {len(mine) - len(good)} | {directions} "
@@ -188,7 +190,7 @@ def turned(roughness: float | None, step_deg: int, sheets):
     for number, angle in enumerate(range(0, 360, step_deg)):
         turn = dodecahedron_scene.about(np.array([1.0, 0, 0]), np.radians(angle))
         turn = turn @ dodecahedron_scene.about(np.array([0, 0.6, 0.8]), 0.3)
-        lamp = LAMP_MM + [0, 500.0, 0]
+        lamp = LAMP_MM + np.array([0, 500.0, 0])
         scene = dodecahedron_scene.SolidScene(
             None, BOARD, ball_mm=(0.0, 0.0), height_mm=500.0, net=sheets, turn=turn, seed=1,
             edge_mm=EDGE_MM, roughness=roughness, folds=FOLD_DEG, has_board=False,

@@ -39,6 +39,7 @@ class _Seen:
     readings: tuple[Reading, ...]
     rotation_sigma_deg: float
     notes: tuple[str, ...]
+    shaded: float  # share of the faces that are lit unevenly
 
 
 def estimate(
@@ -103,6 +104,7 @@ def _read(
     notes: list[str] = []
     problems: list[str] = []
     sigmas: list[float] = []
+    uneven = 0
     for i, file in enumerate(files):
         name = f"{file}: " if len(files) > 1 else ""
         grey = np.asarray(find.as_codes(file).astype(np.float32) @ find.LUMA, np.uint8)
@@ -121,6 +123,7 @@ def _read(
         radiance, clipped = diffuse.merged([file], exposures_us[i : i + 1])
         found = faces.read(radiance, clipped, pinhole, where, rotation)
         readings += found.faces
+        uneven += found.uneven
         notes += [name + note for note in found.notes]
         sigmas.append(float(np.hypot(where.sigma_deg, stands.sigma_deg if stands else 0.0)))
         if stands is not None and options.square_mm is not None:
@@ -128,7 +131,8 @@ def _read(
     if not sigmas:
         raise ProbeError(problems[0])
     notes += [f"{problem}: it is left out" for problem in problems]
-    return _Seen(tuple(readings), max(sigmas), tuple(notes))
+    shaded = uneven / max(uneven + len(readings), 1)
+    return _Seen(tuple(readings), max(sigmas), tuple(notes), shaded)
 
 
 def _edge_notes(
@@ -152,7 +156,12 @@ def _solved(seen: _Seen, probe: kind.Kind) -> light.Light:
     """The light; with the roughness that fits best, where that is asked for."""
     tried = _ROUGHNESSES if probe.fits_roughness else (probe.roughness,)
     found = [
-        (light.solve(seen.readings, probe.edge_mm, one, seen.rotation_sigma_deg), one)
+        (
+            light.solve(
+                seen.readings, probe.edge_mm, one, seen.rotation_sigma_deg, shaded=seen.shaded
+            ),
+            one,
+        )
         for one in tried
     ]
     best, roughness = min(found, key=lambda pair: pair[0].chi2)

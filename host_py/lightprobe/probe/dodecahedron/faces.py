@@ -46,6 +46,7 @@ class Readings:
 
     faces: tuple[Reading, ...]
     notes: tuple[str, ...] = ()
+    uneven: int = 0  # faces that are left out because they are lit unevenly
 
 
 def read(
@@ -57,7 +58,7 @@ def read(
     camera frame → frame of the estimate. Only faces whose marker is read are measured: what covers
     a marker would be in the light, too. Clipped and uneven faces are left out, with a note.
     """
-    found, notes = [], []
+    found, notes, uneven_faces = [], [], 0
     for number in pose.faces:
         face = solid.faces()[number]
         middle = pose.rotation @ face.centre + pose.centre
@@ -78,6 +79,7 @@ def read(
         values = radiance[rows, columns]
         level, uneven, slope = _even(values, np.stack([columns, rows], axis=1))
         if uneven > _MOST_UNEVEN:
+            uneven_faces += 1
             notes.append(
                 f"face {number} is lit unevenly, by {100 * uneven:.0f} %: a shadow, a finger or a "
                 "stain is on it: it is left out"
@@ -88,7 +90,7 @@ def read(
             ((face.vertices + face.centre) / 2) @ (rotation @ pose.rotation).T,
             -rotation @ pose.centre, level, uneven, slope,
         ))  # fmt: skip
-    return Readings(tuple(found), tuple(notes))
+    return Readings(tuple(found), tuple(notes), uneven_faces)
 
 
 def _paper(

@@ -37,6 +37,8 @@ _NEAREST = 0.25  # in 1 / edges
 #: A distance is told when 1 / distance is so many sigmas from 0.
 _CLEARLY_NEAR = 4.0
 _FEWEST_FACES = 3
+#: 1 sigma of a direction when a shadow is on all faces; of some, by the root of their share.
+_SHADED_DEG = 60.0
 #: Another direction so far away that is nearly as good widens the sigma.
 _ELSEWHERE_DEG = 15.0
 #: A wider sigma is not that of the best fit alone.
@@ -95,11 +97,14 @@ def solve(
     edge_mm: float,
     roughness: float | None = None,
     rotation_sigma_deg: float = 0.0,
+    shaded: float = 0.0,
 ) -> Light:
     """Find lamps and the light from everywhere that make faces look so.
 
     `readings`: of one picture or of several, in one frame. `edge_mm`: of the solid. `roughness`:
-    0.05…1 of a coated solid; None: matt paper. Raises ProbeError for fewer than three faces.
+    0.05…1 of a coated solid; None: matt paper. `shaded`: share of the faces that were left out
+    because they are lit unevenly: a shadow may be on others as a whole.
+    Raises ProbeError for fewer than three faces.
     """
     if len(readings) < _FEWEST_FACES:
         raise ProbeError(
@@ -116,7 +121,7 @@ def solve(
         if not state.chi2 - better.chi2 > _BETTER:
             break
         state = better
-    return fit.light(state, rotation_sigma_deg)
+    return fit.light(state, rotation_sigma_deg, shaded)
 
 
 @dataclass(frozen=True, eq=False)
@@ -197,8 +202,29 @@ class _Fit:
 
     def begun(self, lamps: Sequence[Array]) -> Array:
         """Of directions all around, the best for one lamp more."""
-        tried = [np.append(direction, 0.0) for direction in sphere_normals(3)]
-        return min(tried, key=lambda one: self.of([*lamps, one]).chi2)
+        tried = sphere_normals(3)
+        return np.append(tried[self._chi2(lamps, tried, 0.0).argmin()], 0.0)
+
+    def _chi2(self, lamps: Sequence[Array], directions: Array, nearness: float) -> Array:
+        """χ² (D,) with these lamps, and one more in each of the directions (D, 3)."""
+        inverse, wanted, even = self._white
+        lit = np.stack([self.faces.lit(one, nearness) for one in directions])
+        parts = inverse.reshape(len(inverse), -1, 3)
+        tried = np.einsum("rnc,dn->drc", parts, lit, optimize=True)
+        known = [np.einsum("rnc,n->rc", parts, self.faces.lit(x[:3], x[3])) for x in lamps]
+        fixed = np.concatenate([*known, even], axis=1)
+        design = np.concatenate([np.broadcast_to(fixed, (len(tried), *fixed.shape)), tried], axis=2)
+        gram = design.transpose(0, 2, 1) @ design
+        size = gram.shape[1]
+        gram += 1e-10 * np.trace(gram, axis1=1, axis2=2)[:, None, None] / size * np.eye(size)
+        wish = np.einsum("drk,r->dk", design, wanted)
+        solved = np.linalg.solve(gram, wish[..., None])[..., 0]
+        for i in np.flatnonzero(solved.min(axis=1) < 0):
+            root = np.linalg.cholesky(gram[i])
+            solved[i] = nnls(root.T, solve_triangular(root, wish[i], lower=True))[0]
+        off = wanted - np.einsum("drk,dk->dr", design, solved)
+        near = [*(float(one[3]) for one in lamps), nearness]
+        return np.asarray((off**2).sum(axis=1) + sum((x / self._near_sigma) ** 2 for x in near))
 
     def refined(self, lamps: Sequence[Array]) -> _State:
         """The best lamps near these, how far away they are, and the covariance of both."""
@@ -228,7 +254,7 @@ class _Fit:
             self.of(placed(result.x)), covariance=np.asarray(np.linalg.pinv(information))
         )
 
-    def light(self, state: _State, rotation_sigma_deg: float) -> Light:
+    def light(self, state: _State, rotation_sigma_deg: float, shaded: float) -> Light:
         """What was found, with what is not known of it."""
         count = len(state.lamps)
         poor, notes = state.poor, []
@@ -240,11 +266,15 @@ class _Fit:
             )
         lamps = []
         for i, one in enumerate(state.lamps):
-            sigma = min(float(np.hypot(np.degrees(turned[i]), rotation_sigma_deg)), 90.0)
+            sigma = float(np.linalg.norm([
+                np.degrees(turned[i]), rotation_sigma_deg, _SHADED_DEG * np.sqrt(shaded)
+            ]))  # fmt: skip
+            sigma = min(sigma, 90.0)
             if sigma > UNKNOWN_DEG:
                 notes.append(
                     f"the direction of a lamp is known to {sigma:.0f} degrees only: too few of the "
-                    "faces that are seen are lit by it: add pictures of other sides"
+                    "faces that are seen are lit by it, or a shadow is on them: add pictures of "
+                    "other sides"
                 )
             irradiance = state.solved[3 * i : 3 * i + 3]
             strength = float(np.hypot(PAPER_SIGMA, np.radians(sigma)))
@@ -254,7 +284,7 @@ class _Fit:
         ambient = state.solved[3 * count :]
         slope = self._slope(state)
         return Light(
-            tuple(lamps), ambient, slope, self._relighting(lamps, ambient) * poor, poor,
+            tuple(lamps), ambient, slope, self._relighting(lamps, ambient) * poor + shaded, poor,
             state.chi2, tuple(notes),
         )  # fmt: skip
 
@@ -273,10 +303,8 @@ class _Fit:
             away = np.arccos(np.clip(directions @ best[:3], -1, 1))
             is_wide = near > np.radians(_WIDE_DEG) ** 2
             used = away > (0 if is_wide else np.radians(_ELSEWHERE_DEG))
-            worse = np.array([
-                self.of([*lamps[:i], np.append(one, best[3]), *lamps[i + 1 :]]).chi2
-                for one in directions[used]
-            ]) - state.chi2  # fmt: skip
+            others = [*lamps[:i], *lamps[i + 1 :]]
+            worse = self._chi2(others, directions[used], float(best[3])) - state.chi2
             weight = np.exp(-np.maximum(worse, 0) / 2 / state.poor**2)
             if is_wide:
                 mean = weight @ directions[used]
