@@ -165,9 +165,7 @@ class SolidScene(Scene):
             self.around = self.panorama_at_ball(1024)
         random = np.random.default_rng(self.seed)
         self.normals = np.stack([face.normal for face in self.faces]) @ self.turn.T
-        self.shading = unit(
-            self.normals + np.radians(self.folds) * random.normal(size=(FACES, 3))
-        )
+        self.shading = unit(self.normals + np.radians(self.folds) * random.normal(size=(FACES, 3)))
         far = self.irradiance(self.shading)
         self.far_irradiance = far
         self.share = None if self.roughness is None else even_share(self.roughness)
@@ -233,9 +231,7 @@ class SolidScene(Scene):
             relative = (np.linalg.norm(place - self.centre) / distance) ** 2
             level = np.maximum(way @ normal, 0) * relative
             if self.roughness is not None:
-                level = level * np.where(
-                    level > 0, brdf(normal, way, views, self.roughness), 0
-                )
+                level = level * np.where(level > 0, brdf(normal, way, views, self.roughness), 0)
             if self.shadow is not None:
                 level = level * (world @ self.shadow[0] < self.shadow[1])
             light += level[:, None] * strength
@@ -259,4 +255,3 @@ def about(axis, angle_rad):
     x, y, z = axis
     cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
     return np.eye(3) + np.sin(angle_rad) * cross + (1 - np.cos(angle_rad)) * cross @ cross
-

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cache, cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -202,7 +202,7 @@ class _Fit:
 
     def begun(self, lamps: Sequence[Array]) -> Array:
         """Of directions all around, the best for one lamp more."""
-        tried = sphere_normals(3)
+        tried = _all_around()
         return np.append(tried[self._chi2(lamps, tried, 0.0).argmin()], 0.0)
 
     def _chi2(self, lamps: Sequence[Array], directions: Array, nearness: float) -> Array:
@@ -295,7 +295,7 @@ class _Fit:
         fit nearly as well, the likelihood of directions all around does.
         """
         assert state.covariance is not None or not state.lamps  # refined() gives it
-        directions = sphere_normals(3)
+        directions = _all_around()
         lamps, sigmas = list(state.lamps), []
         for i, best in enumerate(state.lamps):
             at = slice(3 * i, 3 * i + 2)
@@ -347,6 +347,12 @@ class _Fit:
         unseen = (normals @ self.faces.normals.T).max(axis=1) < _UNSEEN_COSINE
         variance = variance + unseen * (_UNSEEN * total.mean()) ** 2
         return float(np.sqrt(variance.mean()) / max(float(total.mean()), 1e-12))
+
+
+@cache
+def _all_around() -> Array:
+    """(642, 3) directions evenly over the sphere."""
+    return sphere_normals(3)
 
 
 def _across(direction: Array) -> Array:
