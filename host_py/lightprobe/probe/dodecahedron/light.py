@@ -37,8 +37,9 @@ _NEAREST = 0.25  # in 1 / edges
 #: A distance is told when 1 / distance is so many sigmas from 0.
 _CLEARLY_NEAR = 4.0
 _FEWEST_FACES = 3
-#: 1 sigma of a direction when a shadow is on all faces; of some, by the root of their share.
-_SHADED_DEG = 60.0
+#: 1 sigma of a direction when shadows end on a third of the faces or more: they may lie on others
+#: as a whole. On fewer, by their share.
+_SHADED_DEG, _SHADED = 90.0, 1 / 3
 #: Another direction so far away that is nearly as good widens the sigma.
 _ELSEWHERE_DEG = 15.0
 #: A wider sigma is not that of the best fit alone.
@@ -267,7 +268,7 @@ class _Fit:
         lamps = []
         for i, one in enumerate(state.lamps):
             sigma = float(np.linalg.norm([
-                np.degrees(turned[i]), rotation_sigma_deg, _SHADED_DEG * np.sqrt(shaded)
+                np.degrees(turned[i]), rotation_sigma_deg, _SHADED_DEG * min(shaded / _SHADED, 1)
             ]))  # fmt: skip
             sigma = min(sigma, 90.0)
             if sigma > UNKNOWN_DEG:
