@@ -128,11 +128,12 @@ def command(
     probe: Annotated[
         str | None,
         typer.Option(
-            metavar="ball:MM|diffuse-ball:MM|rod:MM,MM",
+            metavar="ball:MM|diffuse-ball:MM|rod:MM,MM|dodecahedron:MM",
             help="The pictures show a ball: ball:60mm (also ball:60mm,black or ,silver) mirrors, "
             "diffuse-ball:40mm is white and matt. Or a rod that stands upright on the board: "
             "rod:60mm,8mm@5,4, its height, its diameter and its place in squares from the upper "
-            "left corner (default: the middle).",
+            "left corner (default: the middle). Or a paper dodecahedron (lightprobe net), in one "
+            "picture or several: dodecahedron:30mm, its edge.",
         ),
     ] = None,
     intrinsics: Annotated[
@@ -203,14 +204,17 @@ def command(
         once = offline.estimate_pictures(files, parse_exposures(exposure_us), settings)
     else:
         try:
-            from lightprobe.cli import estimate_probe  # needs scipy, which panoramas do not
+            # They need scipy, which panoramas do not.
+            from lightprobe.cli import estimate_probe, estimate_solid
+            from lightprobe.probe.dodecahedron import kind as solids
         except ModuleNotFoundError as error:
             raise LightprobeError(
                 f"estimate: --probe: needs {error.name}, which is not installed: "
                 f"{install_extras('sim', 'calibrate')}"
             ) from None
         options = estimate_probe.Options(probe, intrinsics, board, square_mm, ball_at, save_camera)
-        once = estimate_probe.estimate(files, parse_exposures(exposure_us), settings, options)
+        with_probe = estimate_solid if solids.is_meant(probe) else estimate_probe
+        once = with_probe.estimate(files, parse_exposures(exposure_us), settings, options)
     result = once.estimate
     if reflection_map and once.reflection_map:
         write_reflection_map(once.reflection_map, reflection_map)

@@ -175,6 +175,7 @@ class Root(LazyGroup):
         "export": Entry("export:command", "Write a probe's light as .hdr, .exr or .glb.", "sim"),
         "bake": Entry("bake:command", "Light a mesh that shades itself by a probe.", "bake"),
         "estimate": Entry("estimate:command", "Estimate the light in pictures.", "sim"),
+        "net": Entry("net:command", "Draw the net of a probe of paper, to print.", "calibrate"),
         "polarization": Entry("polarization:command", "Show how pictures are polarized.", "sim"),
         "demo": Entry("demo:command", "Show the whole path: a simulated room or a camera.", "sim"),
         "simulate": Entry(

@@ -1,0 +1,1 @@
+"""A paper dodecahedron with a printed marker on each face, as the probe."""
