@@ -308,6 +308,16 @@ class ObjectScene:
         flat[thing] = self.reflectance(points[thing]) / np.pi * light
         return found, thing.reshape(found.shape[:2])
 
+    def shown(self, camera, x, y):
+        """Radiance (N, 3) in the middles of pixels at x, y (N,)."""
+        rays = camera.rays(x, y)
+        found = self.far(np.broadcast_to(camera.eye, rays.shape), rays)
+        points, normals = self.first(camera.eye, rays)
+        thing = np.isfinite(points[:, 0])
+        light = self.irradiance_at(points[thing], normals[thing])
+        found[thing] = self.reflectance(points[thing]) / np.pi * light
+        return found
+
     def around(self, width=256):
         """What a probe without a size sees in the middle of the things, were they not there."""
         directions = panorama_directions(width)[0].reshape(-1, 3)

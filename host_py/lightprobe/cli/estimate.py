@@ -128,11 +128,13 @@ def command(
     probe: Annotated[
         str | None,
         typer.Option(
-            metavar="ball:MM|diffuse-ball:MM|rod:MM,MM",
+            metavar="ball:MM|diffuse-ball:MM|rod:MM,MM|object:MESH",
             help="The pictures show a ball: ball:60mm (also ball:60mm,black or ,silver) mirrors, "
             "diffuse-ball:40mm is white and matt. Or a rod that stands upright on the board: "
             "rod:60mm,8mm@5,4, its height, its diameter and its place in squares from the upper "
-            "left corner (default: the middle).",
+            "left corner (default: the middle). Or a matt object whose mesh is known: "
+            "object:vase.glb@5,4,30,albedo=0.8, the place of the mesh's origin, its turn to the "
+            "left in degrees, and what it reflects (default: found).",
         ),
     ] = None,
     intrinsics: Annotated[
@@ -155,8 +157,8 @@ def command(
         float | None,
         typer.Option(
             callback=check.number(1, 1000, "mm"),
-            help="With --probe: side of the board's squares as printed: a rod needs it, a ball's "
-            "diameter is checked by it.",
+            help="With --probe: side of the board's squares as printed: a rod and an object need it, "
+            "a ball's diameter is checked by it.",
         ),
     ] = None,
     ball_at: Annotated[
@@ -202,15 +204,20 @@ def command(
     if probe is None:
         once = offline.estimate_pictures(files, parse_exposures(exposure_us), settings)
     else:
+        is_object = probe.strip().startswith("object")
         try:
             from lightprobe.cli import estimate_probe  # needs scipy, which panoramas do not
+
+            if is_object:
+                from lightprobe.cli import estimate_object  # needs trimesh, too
         except ModuleNotFoundError as error:
             raise LightprobeError(
                 f"estimate: --probe: needs {error.name}, which is not installed: "
-                f"{install_extras('sim', 'calibrate')}"
+                f"{install_extras('sim', 'calibrate', *(['bake'] if is_object else []))}"
             ) from None
         options = estimate_probe.Options(probe, intrinsics, board, square_mm, ball_at, save_camera)
-        once = estimate_probe.estimate(files, parse_exposures(exposure_us), settings, options)
+        estimated = estimate_object.estimate if is_object else estimate_probe.estimate
+        once = estimated(files, parse_exposures(exposure_us), settings, options)
     result = once.estimate
     if reflection_map and once.reflection_map:
         write_reflection_map(once.reflection_map, reflection_map)

@@ -25,8 +25,9 @@ PARTS = 2
 #: than its sigma.
 _STEPS = 150
 _RELAX = 1.6
-#: A step between neighbours below this share of the mean light counts as none in the covariance.
-_NO_STEP = 0.1
+#: In the covariance, a step between neighbours costs as one of so many times the mean light: lamps
+#: are steps, wherever they are.
+_NO_STEP = 10.0
 
 
 @functools.cache

@@ -9,6 +9,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from lightprobe.bake import mesh, visibility
@@ -33,12 +34,17 @@ PLACE_SIGMA_MM = 0.5
 #: and parts of a square whose white cells are one sample.
 _TRIED, _MOST, _CELLS, _PER_SQUARE = 8000, 1600, 200_000, 6
 _LEAST_SAMPLES = 60
+#: Places that are looked up in a row.
+_ROW = 1024
 #: Around borders and outlines so many pixels are left out.
 _EDGE_PX = 2.0
 #: A surface that is seen more aslant than this cosine is left out.
 _LEAST_FACING = 0.15
 #: A corner whose normal is further from the triangle's than this is a crease.
 _CREASE = np.cos(np.radians(40))
+#: Two samples so near each other are at an edge if their normals' cosine is below, or the step in
+#: depth above, relative to the distance.
+_BESIDE_PX, _EDGE, _STEP = 4.0, 0.8, 0.02
 #: Shares of samples: of clipped ones, and of backs of triangles.
 _MOST_CLIPPED, _MOST_BACKS, _TOLD_BACKS = 0.02, 0.3, 0.02
 
@@ -53,10 +59,6 @@ class Shape:
     albedo: float | None = None  # None: found from the picture
     unit_mm: float = 1000.0
 
-
-def is_meant(text: str) -> bool:
-    """Tell whether `--probe TEXT` names an object."""
-    return text.strip().startswith("object")
 
 
 def parse(text: str) -> Shape:
@@ -214,7 +216,7 @@ def _of_object(
     places, flat, normals = _placed(solid, which, share)
     in_camera = view.in_camera(places)
     at_px = view.pinhole.places(in_camera)
-    used = paper.looked_up(inside.astype(np.float32), _pixels(at_px), 0.0)[:, 0] == 1
+    used = _at(inside.astype(np.float32), at_px) == 1
     used &= _first(view.in_camera(solid.vertices), solid.triangles, in_camera)
     to_camera = -in_camera @ view.pose.rotation.T
     to_camera /= np.linalg.norm(to_camera, axis=1, keepdims=True)
@@ -235,11 +237,28 @@ def _of_object(
     ) if backs > _TOLD_BACKS else ()  # fmt: skip
     used &= (facing > _LEAST_FACING) & (np.sum(normals * to_camera, axis=1) > _LEAST_FACING)
     kept = np.flatnonzero(used)
+    kept = kept[_away_from_edges(at_px[kept], normals[kept], in_camera[kept, 2])]
+    if len(kept) < _LEAST_SAMPLES:
+        raise ProbeError("the object is too small in the picture: go nearer")
     kept = kept[np.linspace(0, len(kept) - 1, min(len(kept), _MOST)).astype(int)]
     radiance, bad = _values(view, at_px[kept])
     _check_exposure(bad, "object")
     good = kept[~bad]
     return places[good], normals[good], radiance[~bad], notes
+
+
+def _away_from_edges(at_px: Array, normals: Array, depth: Array) -> NDArray[np.bool_]:
+    """Which samples have no edge beside them: another way to face, or a step in depth.
+
+    `at_px` (N, 2) places in the picture, `normals` (N, 3), `depth` (N,) along the camera's axis.
+    """
+    pairs = cKDTree(at_px).query_pairs(_BESIDE_PX, output_type="ndarray")
+    one, other = pairs.T
+    apart = np.sum(normals[one] * normals[other], axis=1) < _EDGE
+    apart |= np.abs(depth[one] - depth[other]) > _STEP * np.abs(depth[one])
+    good = np.ones(len(at_px), bool)
+    good[pairs[apart].ravel()] = False
+    return good
 
 
 def _first(
@@ -271,7 +290,7 @@ def _of_board(
     white, _ = paper.printed(board, cell, across, down, _EDGE_PX * per_px)
     places = np.stack([x, np.zeros_like(x), z], axis=-1)[white]
     at_px = view.pinhole.places(view.in_camera(places))
-    free = paper.looked_up(1 - around.astype(np.float32), _pixels(at_px), 0.0)[:, 0] == 1
+    free = _at(1 - around.astype(np.float32), at_px) == 1
     radiance, bad = _values(view, at_px, side=1)
     if free.sum() < _LEAST_SAMPLES:
         raise ProbeError(
@@ -301,13 +320,16 @@ def _values(view: View, at_px: Array, side: int = 3) -> tuple[Array, NDArray[np.
     if side > 1:
         picture, bad = (np.asarray(cv2.blur(one, (side, side)), np.float32)
                         for one in (picture, bad))  # fmt: skip
-    at = _pixels(at_px)
-    return paper.looked_up(picture, at, 0.0)[:, 0], paper.looked_up(bad, at, 0.0)[:, 0] > 0.01
+    return _at(picture, at_px), _at(bad, at_px) > 0.01
 
 
-def _pixels(at_px: Array) -> NDArray[np.float32]:
-    """Places (N, 2) as OpenCV looks them up: (N, 1, 2)."""
-    return np.asarray(at_px - 0.5, np.float32)[:, None]
+def _at(picture: NDArray[np.float32], at_px: Array) -> Array:
+    """Values (N, …) of a picture at places (N, 2); 0 outside of it."""
+    rows = -(-len(at_px) // _ROW)  # OpenCV takes no more than 32767 in one
+    grid = np.full((rows * _ROW, 2), -1.0, np.float32)
+    grid[: len(at_px)] = at_px - 0.5
+    found = paper.looked_up(picture, grid.reshape(rows, _ROW, 2), 0.0)
+    return found.reshape(rows * _ROW, *picture.shape[2:])[: len(at_px)]
 
 
 def _check_exposure(bad: NDArray[np.bool_], what: str) -> None:

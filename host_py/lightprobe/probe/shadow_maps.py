@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from lightprobe.geometry import Array, cross, normalize
 
 #: Points strewn over the object, and texels of a map across it.
-POINTS, TEXELS = 16_000, 48
+POINTS, TEXELS = 24_000, 64
 #: A place is in shadow when the map is nearer to the light by more texels than this, over the
 #: cosine of the light on the place: else it is the place itself.
 _BIAS, _LEAST_COSINE = 1.5, 0.15
