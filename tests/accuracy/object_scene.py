@@ -143,6 +143,7 @@ class ObjectScene:
     albedo: tuple = (0.8, 0.8, 0.8)
     bounces: bool = True  # light that the things throw on the paper and on each other
     texture: float = 0.0  # depth of stripes of the things' albedo
+    gathered: int = 400  # directions over the sphere for light by way of board and things
     centre: np.ndarray = field(init=False)
 
     def __post_init__(self):
@@ -209,14 +210,16 @@ class ObjectScene:
         if self.tree is None:
             return made
         near = np.flatnonzero(np.linalg.norm(points - self.centre, axis=1) < 4 * self.radius_mm)
-        rays = fibonacci(400)
+        rays = fibonacci(self.gathered)
         rays = rays[rays[:, 1] > 0] if upward else rays
         for ray in rays:
             cosine = normals[near] @ ray
             rows = near[cosine > 0]
             t, shine = self._met(points[rows] + 1e-2 * normals[rows], ray)
             hit = np.isfinite(t)
-            made[rows[hit]] += (cosine[cosine > 0][hit] * 4 * np.pi / 400)[:, None] * shine[hit]
+            made[rows[hit]] += (cosine[cosine > 0][hit] * 4 * np.pi / self.gathered)[
+                :, None
+            ] * shine[hit]
         return made
 
     def _met(self, origins, ray):
@@ -231,14 +234,14 @@ class ObjectScene:
     def _from_below(self, points, normals):
         """Irradiance (N, 3) by board and table."""
         made = np.zeros((len(points), 3))
-        rays = fibonacci(400)
+        rays = fibonacci(self.gathered)
         for ray in rays[rays[:, 1] < 0]:
             cosine = np.maximum(normals @ ray, 0)
             rows = np.flatnonzero(cosine > 0)
             t, _ = self._met(points[rows] + 1e-2 * normals[rows], ray)
             free = rows[~np.isfinite(t)]
             seen = self.far(points[free], np.broadcast_to(ray, (len(free), 3)), smooth=True)
-            made[free] += (cosine[free] * 4 * np.pi / 400)[:, None] * seen
+            made[free] += (cosine[free] * 4 * np.pi / self.gathered)[:, None] * seen
         return made
 
     def irradiance_at(self, points, normals):
@@ -358,9 +361,7 @@ def area_lights(random, count, sr, width=256):
         for _ in range(50):  # half the side of the square of that solid angle
             side = (low + high) / 2
             s2 = side * side
-            low, high = (
-                (side, high) if 4 * np.arcsin(s2 / (1 + s2)) < sr else (low, side)
-            )
+            low, high = (side, high) if 4 * np.arcsin(s2 / (1 + s2)) < sr else (low, side)
         lit = (ahead > 0) & (u < side) & (v < side)
-        picture[lit] += (random.uniform(0.5, 1.5) if count > 1 else 1.0)
+        picture[lit] += random.uniform(0.5, 1.5) if count > 1 else 1.0
     return picture

@@ -106,7 +106,9 @@ def judge(kind: str, seed: int, folder: Path) -> Case:
     share = row_sr / row_sr.sum() / 256 / 3
     case.light = float(np.sqrt((share * (made - whole)[:64] ** 2).sum()) / brightest)
     case.light_true = float(np.sqrt((share * whole[:64] ** 2).sum()) / brightest)
-    case.rerender = rerendered(scene, camera, made, light.albedo, thing, random) / brightest
+    case.rerender = (
+        rerendered(scene, camera, made[::2, ::2], light.albedo, thing, random) / brightest
+    )
     truth, now = scene.irradiance(NORMALS) * scale, found.irradiance(NORMALS)
     case.relighting = float((np.abs(now - truth) / truth.max(axis=0)).mean())
     rms = np.sqrt(np.mean((now - truth).mean(axis=1) ** 2)) / truth.mean()

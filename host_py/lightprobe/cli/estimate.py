@@ -157,8 +157,8 @@ def command(
         float | None,
         typer.Option(
             callback=check.number(1, 1000, "mm"),
-            help="With --probe: side of the board's squares as printed: a rod and an object need it, "
-            "a ball's diameter is checked by it.",
+            help="With --probe: side of the board's squares as printed: a rod and an object need "
+            "it, a ball's diameter is checked by it.",
         ),
     ] = None,
     ball_at: Annotated[

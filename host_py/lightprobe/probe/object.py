@@ -36,12 +36,14 @@ _FAR = 4.0
 #: one. And 1 sigma of what texels of 11° and one throw of light leave of relighting, relative.
 #: (Both are choices: with them tests/accuracy/objects.py has its errors within 3 sigma.)
 _ALIKE, MODEL_SIGMA = 50.0, 0.04
-_ROUNDS, _BEGIN_ALBEDO = 4, 0.6
+#: 1 sigma of relighting for each share of the mesh that is missing (a choice).
+_BACKS_SIGMA = 0.5
+_ROUNDS, _BEGIN_ALBEDO = 6, 0.7
 #: Between the picture and the model at most, RMS over the object, relative to its mean; and over
 #: the paper.
 _MOST_RMS, _MOST_PAPER_RMS = 0.12, 0.12
 #: Parts of the object whose mean throws light, about; cells along a square of the board that does.
-_PATCHES, _CELLS = 400, 4
+_PATCHES, _CELLS = 240, 4
 #: An albedo above this is none.
 _MOST_ALBEDO = 1.1
 
@@ -55,6 +57,7 @@ class Light:
     level: Array  # (3,) radiance of even light that would light the board as much
     albedo: Array  # (3,) of the object
     rms: float  # between picture and model, relative to the board's level
+    backs: float = 0.0  # share of the mesh in view that are backs of triangles: holes
     notes: tuple[str, ...] = field(default=())
 
     def panorama(self, width: int) -> NDArray[np.float32]:
@@ -70,7 +73,8 @@ class Light:
         kernel = np.maximum(sphere_normals(3) @ directions.T, 0) * sr
         variance = np.einsum("ni,ij,nj->n", kernel, self.covariance, kernel)
         mean = float((kernel @ (self.radiance / self.level).mean(axis=1)).mean())
-        return float(np.hypot(np.sqrt(variance.mean()) / max(mean, 1e-9), MODEL_SIGMA))
+        model = MODEL_SIGMA + _BACKS_SIGMA * self.backs
+        return float(np.hypot(np.sqrt(variance.mean()) / max(mean, 1e-9), model))
 
     def direction_sigma_deg(self, direction: Array) -> float:
         """1 sigma of a lamp's direction (3,): by the covariance around it, and the texels' gap."""
@@ -120,7 +124,11 @@ def transport(found: Samples, board: Board, paper_light: Array) -> Transport:
     below = coarse[:, 1] < 0
     directions = np.concatenate([fine[up], coarse[below]])
     sr = np.concatenate([fine_sr[up], coarse_sr[below]])
-    seen = shadow_maps.seen(found.surface, places, normals, directions, beside).T
+    seen = np.ones((len(places), len(directions)), np.float32)
+    for lights, rows in ((slice(0, up.sum()), beside | True), (slice(up.sum(), None), ~beside)):
+        seen[rows, lights] = shadow_maps.seen(
+            found.surface, places[rows], normals[rows], directions[lights], beside[rows]
+        ).T
     cosine = np.maximum(normals @ directions.T, 0) * (sr / np.pi)
     hidden = (cosine - cosine * seen)[: len(found.places)]
     cosine *= seen
@@ -180,7 +188,7 @@ def solve(found: Samples, board: Board, albedo: float | None = None) -> Light:
     _check(fit)
     covariance = cube.covariance(fit.gram() / _ALIKE, fit.light, fit.prior)
     rms = float(np.sqrt(np.mean(fit.off() ** 2)))
-    return Light(fit.light * level, covariance, level, fit.albedo, rms, found.notes)
+    return Light(fit.light * level, covariance, level, fit.albedo, rms, found.backs, found.notes)
 
 
 def _prior(found: Samples, board: Board) -> cube.Prior:
@@ -263,11 +271,15 @@ class _Fit:
         self.albedo = np.asarray(np.maximum(over / np.maximum(under, 1e-30), 1e-3))
 
     def _weigh(self) -> None:
-        """By how much the samples of object and paper are off, and less what is far off."""
+        """By how much the samples are off, and less what is far off.
+
+        Object and paper have one sigma: else the one that fits better would come to count alone.
+        """
         off = np.sqrt(np.mean(self.off() ** 2, axis=1))
-        for part in (self.of_board, ~self.of_board):
-            sigma = max(1.2 * float(np.median(off[part])), _LEAST_SIGMA)
-            self.weight[part] = 1 / (sigma * np.sqrt(np.maximum(off[part] / (_FAR * sigma), 1)))
+        paper_off, thing_off = (float(np.median(off[part]))
+                                for part in (self.of_board, ~self.of_board))  # fmt: skip
+        sigma = max(1.2 * float(np.hypot(paper_off, thing_off)) / np.sqrt(2), _LEAST_SIGMA)
+        self.weight = 1 / (sigma * np.sqrt(np.maximum(off / (_FAR * sigma), 1)))
 
 
 def _check(fit: _Fit) -> None:

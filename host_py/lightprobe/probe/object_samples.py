@@ -32,7 +32,7 @@ _MOST_TRIANGLES = 200_000
 PLACE_SIGMA_MM = 0.5
 #: Samples of the object that are tried, and at most kept; cells of the board that are looked at,
 #: and parts of a square whose white cells are one sample.
-_TRIED, _MOST, _CELLS, _PER_SQUARE = 8000, 1600, 200_000, 6
+_TRIED, _MOST, _CELLS, _PER_SQUARE = 8000, 1200, 200_000, 6
 _LEAST_SAMPLES = 60
 #: Places that are looked up in a row.
 _ROW = 1024
@@ -58,7 +58,6 @@ class Shape:
     turn_deg: float = 0.0  # to the left, seen from above
     albedo: float | None = None  # None: found from the picture
     unit_mm: float = 1000.0
-
 
 
 def parse(text: str) -> Shape:
@@ -133,6 +132,7 @@ class Samples:
     of_board: NDArray[np.bool_]  # (N,)
     surface: Array  # (M, 3) points strewn over the whole object
     facing: Array  # (M, 3) their normals, unit
+    backs: float = 0.0  # share of the mesh that the camera sees that are backs of triangles
     notes: tuple[str, ...] = field(default=())
 
 
@@ -165,17 +165,23 @@ def look(view: View, board: Board, solid: Solid) -> Samples:
     kernel = np.ones((side, side), np.uint8)
     inside, around = cv2.erode(mask, kernel), cv2.dilate(mask, kernel)
     which, share = shadow_maps.strewn(solid.vertices, solid.triangles, shadow_maps.POINTS)
-    surface, _, facing = _placed(solid, which, share)
-    thing = _of_object(view, solid, np.asarray(inside, np.uint8))
+    surface, _, facing = placed(solid, which, share)
+    at, facing_to, shown, backs = _of_object(view, solid, np.asarray(inside, np.uint8))
     sheet = _of_board(view, board, np.asarray(around, np.uint8), per_px)
     places, normals, radiance = (
-        np.concatenate([a, b]) for a, b in zip(thing[:3], sheet, strict=True)
+        np.concatenate([a, b]) for a, b in zip((at, facing_to, shown), sheet, strict=True)
     )
-    of_board = np.arange(len(places)) >= len(thing[0])
-    return Samples(places, normals, radiance, of_board, surface, facing, (*solid.notes, *thing[3]))
+    of_board = np.arange(len(places)) >= len(at)
+    notes = (
+        f"{100 * backs:.0f} % of the mesh that the camera sees are backs of triangles: left out, "
+        "and the sigma grows by it",
+    ) if backs > _TOLD_BACKS else ()  # fmt: skip
+    return Samples(
+        places, normals, radiance, of_board, surface, facing, backs, (*solid.notes, *notes)
+    )
 
 
-def _placed(
+def placed(
     solid: Solid, which: NDArray[np.int64], share: Array
 ) -> tuple[Array, Array, Array]:  # fmt: skip
     """Places, normals of the triangles, and normals of the surface (N, 3) of points on it."""
@@ -210,10 +216,10 @@ def _outline(view: View, in_camera: Array, solid: Solid) -> NDArray[np.uint8]:
 
 def _of_object(
     view: View, solid: Solid, inside: NDArray[np.uint8]
-) -> tuple[Array, Array, Array, tuple[str, ...]]:
-    """Places, normals and radiance of the object where the camera sees it, and notes."""
+) -> tuple[Array, Array, Array, float]:
+    """Places, normals and radiance of the object where the camera sees it, and share of backs."""
     which, share = shadow_maps.strewn(solid.vertices, solid.triangles, _TRIED)
-    places, flat, normals = _placed(solid, which, share)
+    places, flat, normals = placed(solid, which, share)
     in_camera = view.in_camera(places)
     at_px = view.pinhole.places(in_camera)
     used = _at(inside.astype(np.float32), at_px) == 1
@@ -232,9 +238,6 @@ def _of_object(
             f"{100 * backs:.0f} % of the mesh that the camera sees are backs of triangles: turn "
             "the faces round and close the holes, in a modelling program"
         )
-    notes = (
-        f"{100 * backs:.0f} % of the mesh that the camera sees are backs of triangles: left out",
-    ) if backs > _TOLD_BACKS else ()  # fmt: skip
     used &= (facing > _LEAST_FACING) & (np.sum(normals * to_camera, axis=1) > _LEAST_FACING)
     kept = np.flatnonzero(used)
     kept = kept[_away_from_edges(at_px[kept], normals[kept], in_camera[kept, 2])]
@@ -244,7 +247,7 @@ def _of_object(
     radiance, bad = _values(view, at_px[kept])
     _check_exposure(bad, "object")
     good = kept[~bad]
-    return places[good], normals[good], radiance[~bad], notes
+    return places[good], normals[good], radiance[~bad], backs
 
 
 def _away_from_edges(at_px: Array, normals: Array, depth: Array) -> NDArray[np.bool_]:
@@ -268,6 +271,7 @@ def _first(
 
     Rays through the lens become parallel under (x, y, z) → (x, y, 1)/−z, and planes stay planes.
     """
+
     def mapped(points: Array) -> Array:
         return np.asarray(np.concatenate([points[:, :2], np.ones((len(points), 1))], axis=1)
                           / -points[:, 2:])  # fmt: skip
@@ -277,7 +281,7 @@ def _first(
     of_mesh[:, 2] *= scale
     asked[:, 2] *= scale
     toward = np.array([[0.0, 0.0, 1.0]])
-    return visibility.visible(of_mesh, triangles, toward, points=asked)[0]
+    return np.asarray(visibility.visible(of_mesh, triangles, toward, points=asked)[0])
 
 
 def _of_board(

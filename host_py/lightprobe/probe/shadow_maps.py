@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from lightprobe.geometry import Array, cross, normalize
 
 #: Points strewn over the object, and texels of a map across it.
-POINTS, TEXELS = 24_000, 64
+POINTS, TEXELS = 20_000, 64
 #: A place is in shadow when the map is nearer to the light by more texels than this, over the
 #: cosine of the light on the place: else it is the place itself.
 _BIAS, _LEAST_COSINE = 1.5, 0.15
@@ -62,8 +62,8 @@ def seen(
     cosine = np.maximum(normals @ directions.T, _LEAST_COSINE).astype(np.float32)
     found = np.ones((len(directions), len(places)), np.float32)
     for k, direction in enumerate(directions):
-        side = normalize(np.cross(direction, np.eye(3)[np.argmin(np.abs(direction))]))
-        axes = np.stack([side, np.cross(direction, side), direction], axis=1).astype(np.float32)
+        side = normalize(cross(direction, np.eye(3)[np.argmin(np.abs(direction))]))
+        axes = np.stack([side, cross(direction, side), direction], axis=1).astype(np.float32)
         bias = np.where(beside, 0, _BIAS / cosine[:, k]).astype(np.float32)
         _fill(found[k], strewn_at @ axes, asked_at @ axes, bias)
     return found
