@@ -14,7 +14,6 @@ from ball_scene import COLUMNS, ROWS, SQUARE_MM, fibonacci, lookup, panorama_dir
 from rod_scene import bilinear
 from scipy.spatial import cKDTree
 
-_STEP_MM = 2.0
 _PAIRS = 4_000_000
 
 
@@ -143,6 +142,7 @@ class ObjectScene:
     albedo: tuple = (0.8, 0.8, 0.8)
     bounces: bool = True  # light that the things throw on the paper and on each other
     texture: float = 0.0  # depth of stripes of the things' albedo
+    step_mm: float = 2.0  # between the places of the board whose light is counted
     gathered: int = 400  # directions over the sphere for light by way of board and things
     centre: np.ndarray = field(init=False)
 
@@ -151,8 +151,8 @@ class ObjectScene:
         low, high = np.min(lows, axis=0), np.max(highs, axis=0)
         self.centre, self.radius_mm = (low + high) / 2, float(np.linalg.norm(high - low)) / 2
         self._sources()
-        x = np.arange(-SQUARE_MM, (COLUMNS + 1) * SQUARE_MM, _STEP_MM) + _STEP_MM / 2
-        z = np.arange(-SQUARE_MM, (ROWS + 1) * SQUARE_MM, _STEP_MM) + _STEP_MM / 2
+        x = np.arange(-SQUARE_MM, (COLUMNS + 1) * SQUARE_MM, self.step_mm) + self.step_mm / 2
+        z = np.arange(-SQUARE_MM, (ROWS + 1) * SQUARE_MM, self.step_mm) + self.step_mm / 2
         gx, gz = np.meshgrid(x, z)
         self.grid = np.stack([gx.ravel(), 0 * gx.ravel(), gz.ravel()], axis=1)
         up = np.tile([0.0, 1, 0], (len(self.grid), 1))
@@ -269,7 +269,7 @@ class ObjectScene:
         else:
             shade = self.board[row[printed], column[printed]] / 255
             grey[printed] = 0.04 / 0.8 + (1 - 0.04 / 0.8) * shade
-        at_cell = [(v[on] + 1) * SQUARE_MM / _STEP_MM - 0.5 for v in (z, x)]
+        at_cell = [(v[on] + 1) * SQUARE_MM / self.step_mm - 0.5 for v in (z, x)]
         light = self.even if empty else bilinear(self.paper, *at_cell)
         radiance[on] = grey[:, None] * light
         return radiance

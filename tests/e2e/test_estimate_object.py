@@ -30,7 +30,7 @@ class Pictured:
         panorama = object_scene.area_lights(np.random.default_rng(4), 2, 0.5, width=64)
         self.scene = object_scene.ObjectScene(
             panorama, lens_board.Board().draw(40), things, albedo=(0.6, 0.5, 0.4),
-            gathered=100,
+            gathered=100, step_mm=4.0,
         )  # fmt: skip
         self.camera = ball_scene.Camera.before(self.scene, 200, 5, 720, 540)
         self.radiance, self.thing = self.scene.picture(self.camera)

@@ -170,16 +170,16 @@ def _with_rod(
     lamps = []
     for lamp in seen.lights:
         known = max(found.lamps, key=lambda one: float(one.direction @ lamp.direction))
-        listed = dataclasses.replace(
+        told = dataclasses.replace(
             lamp, direction_sigma_deg=known.direction_sigma_deg,
             irradiance_sigma=known.irradiance_sigma * lamp.irradiance,
         )  # fmt: skip
         if known.direction @ lamp.direction > np.cos(np.radians(_SAME_LAMP_DEG)):
             radius_deg = float(np.degrees(known.radius_rad))
-            listed = dataclasses.replace(
-                listed, direction=known.direction, angular_radius_deg=radius_deg
+            told = dataclasses.replace(
+                told, direction=known.direction, angular_radius_deg=radius_deg
             )
-        lamps.append(listed)
+        lamps.append(told)
     sigma = float(np.hypot(seen.relighting_sigma or 0.0, found.relighting_sigma))
     seen = dataclasses.replace(
         seen, lights=tuple(lamps), flags=seen.flags | EstimateFlag.PARTIAL_VIEW,

@@ -204,8 +204,8 @@ def _outline(view: View, in_camera: Array, solid: Solid) -> NDArray[np.uint8]:
     for corners in np.round(at[solid.triangles] * 16).astype(np.int32):
         cv2.fillConvexPoly(mask, corners, 1, shift=4)
     rows, columns = np.nonzero(mask)
-    edge = (rows == 0) | (columns == 0) | (rows == mask.shape[0] - 1)
-    edge |= columns == mask.shape[1] - 1
+    height, width = view.clipped.shape
+    edge = (rows == 0) | (columns == 0) | (rows == height - 1) | (columns == width - 1)
     if len(rows) == 0 or edge.sum() > 0.2 * np.sqrt(len(rows)):
         raise ProbeError(
             "the object would not be whole in the picture: aim so that all of it is seen, and "
