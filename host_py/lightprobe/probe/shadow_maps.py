@@ -52,39 +52,45 @@ def seen(
 
     `surface` (M, 3): points strewn over the object; `places` (N, 3), `normals` (N, 3) unit;
     `directions` (D, 3) unit, towards the lights; `beside` (N,): places that are not of the object,
-    so any part of it before them hides. Units of length are whatever the places have.
+    so any part of it before them hides. Lights behind a place's surface count as
+    seen. Units of length are whatever the places have.
     """
     middle = (surface.min(axis=0) + surface.max(axis=0)) / 2
     reach = float(np.linalg.norm(surface - middle, axis=1).max()) * 1.001
     texel = 2 * reach / TEXELS
     strewn_at = ((surface - middle) / texel).astype(np.float32)
     asked_at = ((places - middle) / texel).astype(np.float32)
-    cosine = np.maximum(normals @ directions.T, _LEAST_COSINE).astype(np.float32)
+    cosine = (directions @ normals.T).astype(np.float32)
     found = np.ones((len(directions), len(places)), np.float32)
     for k, direction in enumerate(directions):
         side = normalize(cross(direction, np.eye(3)[np.argmin(np.abs(direction))]))
         axes = np.stack([side, cross(direction, side), direction], axis=1).astype(np.float32)
-        bias = np.where(beside, 0, _BIAS / cosine[:, k]).astype(np.float32)
-        _fill(found[k], strewn_at @ axes, asked_at @ axes, bias)
+        lit = np.flatnonzero(cosine[k] > 0)
+        bias = _BIAS / np.maximum(cosine[k, lit], _LEAST_COSINE)
+        bias[beside[lit]] = 0
+        near, hidden = _hidden(strewn_at @ axes, asked_at[lit] @ axes, bias)
+        found[k, lit[near]] -= hidden
     return found
 
 
-def _fill(row: Single, surface: Single, asked: Single, bias: Single) -> None:
-    """One light's map, and what it says of the places asked; in texels, the light along axis 2."""
+def _hidden(surface: Single, asked: Single, bias: Single) -> tuple[NDArray[np.int64], Single]:
+    """Which places are near the object in one light's map, and how much of it they lose.
+
+    In texels, the light along axis 2.
+    """
     width, half = TEXELS + 4, TEXELS / 2 + 2
     cell = (surface[:, :2] + half).astype(np.int32)
     depths = np.full(width * width, -np.inf, np.float32)
     np.maximum.at(depths, cell[:, 0] * width + cell[:, 1], surface[:, 2])
-    at = asked[:, :2] + (half - 0.5)
-    near = np.flatnonzero(((at >= 0) & (at < width - 1)).all(axis=1))
-    first = at[near].astype(np.int32)
-    part = at[near] - first
+    at = asked[:, :2] + np.float32(half - 0.5)
+    x, y = at[:, 0], at[:, 1]
+    near = np.flatnonzero((x >= 0) & (x < width - 1) & (y >= 0) & (y < width - 1))
+    x, y = x[near], y[near]
+    row, column = x.astype(np.int32), y.astype(np.int32)
+    u, v = x - row, y - column
     limit = asked[near, 2] + bias[near]
-    index = first[:, 0] * width + first[:, 1]
-    u, v = part[:, 0], part[:, 1]
-    hidden = np.zeros(len(near), np.float32)
-    for step, weight in (
-        (0, (1 - u) * (1 - v)), (1, (1 - u) * v), (width, u * (1 - v)), (width + 1, u * v)
-    ):  # fmt: skip
-        hidden += weight * (depths[index + step] > limit)
-    row[near] = 1 - hidden
+    index = row * width + column
+    first = (1 - v) * (depths[index] > limit) + v * (depths[index + 1] > limit)
+    index += width
+    second = (1 - v) * (depths[index] > limit) + v * (depths[index + 1] > limit)
+    return near, np.asarray(first + u * (second - first), np.float32)
