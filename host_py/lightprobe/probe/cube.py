@@ -23,7 +23,7 @@ SIDE = 8
 PARTS = 2
 #: Steps of the solver: with these the light differs from that of ten times as many by far less
 #: than its sigma.
-_STEPS = 150
+_STEPS = 80
 _RELAX = 1.6
 #: In the covariance, a step between neighbours costs as one of so many times the mean light: lamps
 #: are steps, wherever they are.
