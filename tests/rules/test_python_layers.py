@@ -15,7 +15,7 @@ MAY = {
     "calibrate": {"", "imaging", "calibrate"},
     "check_camera": {"", "imaging", "calibrate", "check_camera"},
     "align": {"", "calibrate", "align"},
-    "probe": {"", "imaging", "calibrate", "probe"},
+    "probe": {"", "imaging", "calibrate", "bake", "probe"},
     "bake": {"", "bake"},
     "mcu": {"", "mcu"},
     "hil": {"", "mcu", "hil"},

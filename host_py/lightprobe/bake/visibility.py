@@ -41,16 +41,19 @@ def visible(
     triangles: Index,
     along: Array,
     progress: Callable[[int, int], None] | None = None,
+    points: Array | None = None,
 ) -> Bits:
-    """Tell which vertices no triangle hides: shape (2 · N, vertices).
+    """Tell which vertices, or other points, no triangle hides: shape (2 · N, points).
 
     `along`: directions (N, 3). The first N rows are for light that comes from there, the others for
-    light from the opposite directions. Triangles hide from both of their sides.
+    light from the opposite directions. Triangles hide from both of their sides. `points`: places
+    (n, 3) on the mesh or beside it; default: the vertices.
     """
-    found = np.ones((2 * len(along), len(vertices)), dtype=np.bool_)
+    places = vertices if points is None else points
+    found = np.ones((2 * len(along), len(places)), dtype=np.bool_)
     own = _OWN * float(np.ptp(vertices, axis=0).max())
     for k, direction in enumerate(along):
-        ahead, behind = _hidden(vertices, triangles, direction, own)
+        ahead, behind = _hidden(vertices, triangles, direction, own, places)
         found[k, ahead] = False
         found[len(along) + k, behind] = False
         if progress:
@@ -58,13 +61,14 @@ def visible(
     return found
 
 
-def _hidden(vertices: Array, triangles: Index, direction: Array, own: float) -> tuple[Index, Index]:
-    """Vertices that have a triangle before them, and those that have one behind them."""
+def _hidden(
+    vertices: Array, triangles: Index, direction: Array, own: float, places: Array
+) -> tuple[Index, Index]:
+    """Places that have a triangle before them, and those that have one behind them."""
     side = normalize(np.cross(direction, np.eye(3)[np.argmin(np.abs(direction))]))
-    points = np.asfortranarray(
-        vertices @ np.stack([side, np.cross(direction, side), direction], axis=1)
-    )
-    corners = points[triangles]
+    axes = np.stack([side, np.cross(direction, side), direction], axis=1)
+    points = np.asfortranarray(places @ axes)
+    corners = (vertices @ axes)[triangles]
     planes = _Planes(corners)
     ahead, behind = [], []
     for triangle, vertex in _Raster(points[:, :2]).pairs(corners[..., :2]):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import io
 import json
+from importlib import import_module
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -22,6 +23,9 @@ from lightprobe.imaging import image
 from lightprobe.imaging.film import Sheet
 from lightprobe.installation import install_extras
 from lightprobe.reflection_map import SIZES, ReflectionMap
+
+#: What estimates with probes of a kind; with any other, estimate_probe.
+_WITH = {"dodecahedron": "estimate_solid", "object": "estimate_object"}
 
 CameraName = Annotated[
     str, typer.Option(metavar="equirect|FILE", help="Projection, or a camera file.")
@@ -128,12 +132,14 @@ def command(
     probe: Annotated[
         str | None,
         typer.Option(
-            metavar="ball:MM|diffuse-ball:MM|rod:MM,MM|dodecahedron:MM",
+            metavar="ball:MM|diffuse-ball:MM|rod:MM,MM|dodecahedron:MM|object:MESH",
             help="The pictures show a ball: ball:60mm (also ball:60mm,black or ,silver) mirrors, "
             "diffuse-ball:40mm is white and matt. Or a rod that stands upright on the board: "
             "rod:60mm,8mm@5,4, its height, its diameter and its place in squares from the upper "
             "left corner (default: the middle). Or a paper dodecahedron (lightprobe net), in one "
-            "picture or several: dodecahedron:30mm, its edge.",
+            "picture or several: dodecahedron:30mm, its edge. Or a matt object whose mesh is "
+            "known: object:vase.glb@5,4,30,albedo=0.8, the place of the mesh's origin, its turn "
+            "to the left in degrees, and what it reflects (default: found).",
         ),
     ] = None,
     intrinsics: Annotated[
@@ -156,8 +162,8 @@ def command(
         float | None,
         typer.Option(
             callback=check.number(1, 1000, "mm"),
-            help="With --probe: side of the board's squares as printed: a rod needs it, a ball's "
-            "diameter is checked by it.",
+            help="With --probe: side of the board's squares as printed: a rod and an object need "
+            "it, a ball's diameter is checked by it.",
         ),
     ] = None,
     ball_at: Annotated[
@@ -203,17 +209,19 @@ def command(
     if probe is None:
         once = offline.estimate_pictures(files, parse_exposures(exposure_us), settings)
     else:
+        probe_kind = probe.strip().partition(":")[0]
         try:
-            # They need scipy, which panoramas do not.
-            from lightprobe.cli import estimate_probe, estimate_solid
-            from lightprobe.probe.dodecahedron import kind as solids
+            # They need scipy or trimesh, which panoramas do not.
+            from lightprobe.cli import estimate_probe
+
+            with_probe = import_module(f"lightprobe.cli.{_WITH.get(probe_kind, 'estimate_probe')}")
         except ModuleNotFoundError as error:
+            extras = ["sim", "calibrate", *(["bake"] if probe_kind == "object" else [])]
             raise LightprobeError(
                 f"estimate: --probe: needs {error.name}, which is not installed: "
-                f"{install_extras('sim', 'calibrate')}"
+                f"{install_extras(*extras)}"
             ) from None
         options = estimate_probe.Options(probe, intrinsics, board, square_mm, ball_at, save_camera)
-        with_probe = estimate_solid if solids.is_meant(probe) else estimate_probe
         once = with_probe.estimate(files, parse_exposures(exposure_us), settings, options)
     result = once.estimate
     if reflection_map and once.reflection_map:

@@ -121,7 +121,7 @@ def _with_diffuse(
     """Solve for the light, let the pipeline list its lamps, and put in what is not known."""
     offline.check_exposures(files, exposures_us)
     light = diffuse.solve(diffuse.shading(files, exposures_us, sight, pinhole))
-    once = _listed(light.panorama(_DIFFUSE_WIDTH), settings)
+    once = listed(light.panorama(_DIFFUSE_WIDTH), settings)
     found = once.estimate
     lamps = tuple(
         dataclasses.replace(
@@ -162,24 +162,24 @@ def _with_rod(
     board = lens_board.parse(options.board)
     stands = rod.stand(kind, board, options.square_mm)
     offline.check_exposures(files, exposures_us)
-    pose = _pose(files, pinhole, board)
+    pose = find_pose(files, pinhole, board)
     radiance, clipped = diffuse.merged(files, exposures_us)
     found = rod.solve(rod.sheet(radiance, clipped, pinhole, pose, board, stands), stands, pose)
-    once = _listed(found.panorama(_ROD_WIDTH), settings)
+    once = listed(found.panorama(_ROD_WIDTH), settings)
     seen = once.estimate
     lamps = []
     for lamp in seen.lights:
         known = max(found.lamps, key=lambda one: float(one.direction @ lamp.direction))
-        listed = dataclasses.replace(
+        told = dataclasses.replace(
             lamp, direction_sigma_deg=known.direction_sigma_deg,
             irradiance_sigma=known.irradiance_sigma * lamp.irradiance,
         )  # fmt: skip
         if known.direction @ lamp.direction > np.cos(np.radians(_SAME_LAMP_DEG)):
             radius_deg = float(np.degrees(known.radius_rad))
-            listed = dataclasses.replace(
-                listed, direction=known.direction, angular_radius_deg=radius_deg
+            told = dataclasses.replace(
+                told, direction=known.direction, angular_radius_deg=radius_deg
             )
-        lamps.append(listed)
+        lamps.append(told)
     sigma = float(np.hypot(seen.relighting_sigma or 0.0, found.relighting_sigma))
     seen = dataclasses.replace(
         seen, lights=tuple(lamps), flags=seen.flags | EstimateFlag.PARTIAL_VIEW,
@@ -188,7 +188,7 @@ def _with_rod(
     return dataclasses.replace(once, estimate=seen, log=[*found.notes, *once.log])
 
 
-def _listed(panorama: NDArray[np.float32], settings: offline.Settings) -> daemon.Once:
+def listed(panorama: NDArray[np.float32], settings: offline.Settings) -> daemon.Once:
     """What the pipeline makes of a panorama (H, 2H, 3) of light that was found otherwise."""
     with tempfile.TemporaryDirectory(prefix="lightprobe-probe-") as name:
         file = Path(name) / "light.pfm"
@@ -197,7 +197,7 @@ def _listed(panorama: NDArray[np.float32], settings: offline.Settings) -> daemon
         return offline.estimate_pictures([file], (), settings)
 
 
-def _pose(files: Sequence[Path], pinhole: Pinhole, board: lens_board.Board) -> boards.Pose:
+def find_pose(files: Sequence[Path], pinhole: Pinhole, board: lens_board.Board) -> boards.Pose:
     """The board in the first picture that shows it; ProbeError."""
     problems = []
     for file in files:

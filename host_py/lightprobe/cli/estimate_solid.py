@@ -64,7 +64,7 @@ def estimate(
         found = _solved(seen, probe)
     except ProbeError as error:
         raise ProbeError("; ".join([str(error), *seen.notes[:1]])) from None
-    once = estimate_probe._listed(found.panorama(_WIDTH), settings)
+    once = estimate_probe.listed(found.panorama(_WIDTH), settings)
     result = once.estimate
     result = dataclasses.replace(
         result,

@@ -48,7 +48,7 @@ def parse(text: str) -> Kind | Upright:
     if not found or surface not in SURFACES or (found[4] and not is_mirror):
         raise UsageError(
             f"--probe {text}: expected ball:DIAMETER or ball:DIAMETER,SURFACE of a mirror ball, "
-            "diffuse-ball:DIAMETER, rod:HEIGHT,DIAMETER or dodecahedron:EDGE, like "
+            "diffuse-ball:DIAMETER, rod:HEIGHT,DIAMETER, dodecahedron:EDGE or object:MESH, like "
             f"ball:60mm,black; surfaces: {', '.join(SURFACES)}"
         )
     diameter_mm = float(found[2]) * _MM[found[3]]

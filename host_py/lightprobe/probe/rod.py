@@ -22,12 +22,11 @@ from lightprobe.errors import UsageError
 from lightprobe.geometry import Array, equirect_directions, equirect_solid_angles
 from lightprobe.imaging.ball import Pinhole
 from lightprobe.probe import board as boards
+from lightprobe.probe import paper
 from lightprobe.probe.kinds import ProbeError, Upright
 
-#: Of office paper and of toner: the share of light that they reflect.
-PAPER, TONER = 0.8, 0.04
-#: 1 sigma of the paper's, of it; of where the rod stands and of its height, in millimetres; and of
-#: its lean.
+#: 1 sigma of the paper's reflectance, of it; of where the rod stands and of its height, in
+#: millimetres; and of its lean.
 PAPER_SIGMA, PLACE_SIGMA_MM, HEIGHT_SIGMA_MM, LEAN_SIGMA_DEG = 0.1, 0.5, 0.5, 0.5
 #: How much irradiance by the light from everywhere differs from that of even light above and an
 #: even table below, RMS over normals and relative to the mean (a choice: with it, all pictures of
@@ -146,7 +145,7 @@ def sheet(
     board: Board, rod: Rod,
 ) -> Sheet:  # fmt: skip
     """Take the print off the board's picture (H, W, 3); raises ProbeError where paper clips."""
-    per_px = _squares_per_px(pinhole, pose, board)
+    per_px = paper.squares_per_px(pinhole, pose, board)
     finest = float(np.sqrt(board.columns * board.rows / _MOST_CELLS))
     cell = max(per_px, finest, rod.radius / 5)
     across, down = (int(count / cell) for count in (board.columns, board.rows))
@@ -154,10 +153,10 @@ def sheet(
     on_board = np.stack([x, np.zeros_like(x), z], axis=-1).reshape(-1, 3)
     places_px = pinhole.places(pose.corner + on_board @ pose.rotation)
     at = (places_px - 0.5).astype(np.float32).reshape(down, across, 2)
-    seen = _looked_up(radiance.astype(np.float32), at, 0.0)
-    bad = _looked_up(clipped.astype(np.float32), at, 0.0) > 0
-    seen_at_all = _looked_up(np.ones(clipped.shape, np.float32), at, 0.0) == 1
-    white, black = _print(board, cell, across, down, _EDGE_PX * per_px)
+    seen = paper.looked_up(radiance.astype(np.float32), at, 0.0)
+    bad = paper.looked_up(clipped.astype(np.float32), at, 0.0) > 0
+    seen_at_all = paper.looked_up(np.ones(clipped.shape, np.float32), at, 0.0) == 1
+    white, black = paper.printed(board, cell, across, down, _EDGE_PX * per_px)
     used = seen_at_all & ~_behind_rod(pinhole, pose, rod, at, clipped.shape, per_px)
     if not np.any(white & used):
         raise ProbeError("no white paper of the board is seen around the rod: go nearer")
@@ -169,49 +168,21 @@ def sheet(
     used &= ~bad
     relative, weight = np.zeros_like(seen), np.zeros(seen.shape[:2])
     levels = []
-    for paper in (white & used, black & used):
-        if paper.sum() < 100:
+    for part in (white & used, black & used):
+        if part.sum() < 100:
             raise ProbeError("too little of the board is seen around the rod: go nearer")
-        levels.append(np.median(seen[paper], axis=0).astype(np.float64))
-        relative[paper] = seen[paper] / np.maximum(levels[-1], 1e-30)
-        weight[paper] = 1 / max(float(_spread(relative[paper])), 1e-3)
+        levels.append(np.median(seen[part], axis=0).astype(np.float64))
+        relative[part] = seen[part] / np.maximum(levels[-1], 1e-30)
+        weight[part] = 1 / max(float(_spread(relative[part])), 1e-3)
     if not np.all(levels[0] > 1.5 * levels[1]) or not np.all(levels[1] > 0):
         raise ProbeError("the board's white is hardly brighter than its black: expose it well")
     kept = weight > 0
     places = np.stack([x - rod.place[0], z - rod.place[1]], axis=-1)
     return Sheet(
-        places[kept], relative[kept].astype(np.float64), levels[0] * np.pi / PAPER,
+        places[kept], relative[kept].astype(np.float64), levels[0] * np.pi / paper.PAPER,
         weight[kept], 0.5 * per_px, cell, float(np.hypot(board.columns, board.rows)),
-        float(np.where(board.draw(8) > 127, PAPER, TONER).mean()),
+        float(np.where(board.draw(8) > 127, paper.PAPER, paper.TONER).mean()),
     )  # fmt: skip
-
-
-def _squares_per_px(pinhole: Pinhole, pose: boards.Pose, board: Board) -> float:
-    """How much of the board a pixel covers in its middle, in squares."""
-    middle = pose.corner + np.array([board.columns / 2, 0, board.rows / 2]) @ pose.rotation
-    return float(np.linalg.norm(middle) / np.sqrt(pinhole.fx_px * pinhole.fy_px))
-
-
-def _print(
-    board: Board, cell: float, across: int, down: int, edge: float
-) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Which cells are white paper, and which are toner, away from the borders between them."""
-    per_square = 40
-    grey = board.draw(per_square)
-    row = np.minimum(((np.arange(down) + 0.5) * cell * per_square).astype(int), grey.shape[0] - 1)
-    column = np.minimum(
-        ((np.arange(across) + 0.5) * cell * per_square).astype(int), grey.shape[1] - 1
-    )
-    cells = grey[np.ix_(row, column)]
-    side = 2 * int(np.ceil(edge / cell)) + 1
-    kernel = np.ones((side, side), np.uint8)
-    white, black = (
-        cv2.erode(
-            np.asarray(part, np.uint8), kernel, borderType=cv2.BORDER_CONSTANT, borderValue=0.0
-        ).astype(bool)
-        for part in (cells > 127, cells <= 127)
-    )
-    return white, black
 
 
 def _behind_rod(
@@ -233,17 +204,7 @@ def _behind_rod(
     edge_px = 2 * _EDGE_PX + 3 * PLACE_SIGMA_MM / rod.square_mm / per_px
     side = 2 * int(edge_px) + 1
     hidden = cv2.dilate(mask, np.ones((side, side), np.uint8)).astype(np.float32)
-    return np.asarray(_looked_up(hidden, at_px, 0.0) > 0)
-
-
-def _looked_up(picture: NDArray[np.float32], at_px: NDArray[np.float32], beyond: float) -> Array:
-    """Values of a picture between its pixels; `beyond` outside of it."""
-    column, row = (np.ascontiguousarray(at_px[..., axis]) for axis in (0, 1))
-    found = cv2.remap(
-        picture, column, row, cv2.INTER_LINEAR,
-        borderMode=cv2.BORDER_CONSTANT, borderValue=(beyond,) * 4,
-    )  # fmt: skip
-    return np.asarray(found, np.float64)
+    return np.asarray(paper.looked_up(hidden, at_px, 0.0) > 0)
 
 
 def _spread(values: Array) -> float:

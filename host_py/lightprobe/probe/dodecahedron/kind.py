@@ -23,11 +23,6 @@ class Kind:
     fits_roughness: bool = False  # it is found by the pictures
 
 
-def is_meant(text: str) -> bool:
-    """Tell whether `--probe` names a dodecahedron, right or wrong."""
-    return text.strip().startswith(NAME)
-
-
 def parse(text: str) -> Kind:
     """Read `dodecahedron:30mm`, also with `,roughness=0.5` or `fit`; raises UsageError."""
     found = _SOLID.fullmatch(text.strip())
