@@ -46,6 +46,8 @@ _ELSEWHERE_DEG = 15.0
 _WIDE_DEG = 5.0
 #: Beyond this, a direction is told to be nearly unknown.
 UNKNOWN_DEG = 20.0
+#: Half the angles between two lamps that are tried, whether they look like one.
+_APART_DEG = np.arange(2.5, 50, 2.5)
 #: A fit that is worse than this, RMS in sigmas, is told.
 _POOR = 2.5
 #: Normals so far from all faces that were seen may be lit by lamps that lit none; how much, of the
@@ -279,6 +281,7 @@ class _Fit:
                 )
             irradiance = state.solved[3 * i : 3 * i + 3]
             strength = float(np.hypot(PAPER_SIGMA, np.radians(sigma)))
+            sigma = min(float(np.hypot(sigma, self._apart_deg(state, i) / 2)), 90.0)
             lamps.append(Lamp(one[:3], sigma, *self._distance(state, i), irradiance, strength))
         if not lamps:
             notes.append("no lamp stands out: the faces are lit evenly")
@@ -320,6 +323,27 @@ class _Fit:
                 near = float((mass * near + weight @ away**2) / (mass + weight.sum()))
             sigmas.append(float(np.sqrt(near)))
         return replace(self.of(lamps), covariance=state.covariance), sigmas
+
+    def _apart_deg(self, state: _State, index: int) -> float:
+        """How far from a lamp two may be that look like it: at 2 sigma, in degrees."""
+        lamp = state.lamps[index]
+        others = [*state.lamps[:index], *state.lamps[index + 1 :]]
+        most = 0.0
+        for turn in np.radians([0, 45, 90, 135]):
+            across = np.array([np.cos(turn), np.sin(turn)]) @ _across(lamp[:3])
+            for away_deg in _APART_DEG:
+                if away_deg <= most:
+                    continue
+                away = np.radians(away_deg)
+                pair = [
+                    np.append(np.cos(away) * lamp[:3] + np.sin(side * away) * across, lamp[3])
+                    for side in (-1, 1)
+                ]
+                known = float(lamp[3] / self._near_sigma) ** 2  # counts once
+                if self.of([*others, *pair]).chi2 - known - state.chi2 > 4 * state.poor**2:
+                    break
+                most = float(away_deg)
+        return most
 
     def _distance(self, state: _State, index: int) -> tuple[float, float | None]:
         """How far away a lamp is, in edges, and 1 sigma, relative; inf, None: perhaps far."""
