@@ -10,7 +10,7 @@ interface State {
   name: string; version: string; config: string; text: string; runs: boolean; log: string[]; probe: string | null; settings: Record<string, string[]>;
   sources: Choice[]; ports: Choice[]; cameras: Choice[]; tasks: Task[];
 }
-interface Told { task: string; status: number | null; said: number; lines: string[]; seconds: number; files: string[]; written: string | null }
+interface Told { task: string; status: number | null; waits: boolean; said: number; lines: string[]; seconds: number; files: string[]; written: string | null }
 
 const element = <T extends HTMLElement>(id: string): T => document.getElementById(id) as T;
 const owner = new URLSearchParams(location.hash.slice(1)).get("owner") ?? "";
@@ -63,11 +63,17 @@ function fill(list: string, choices: Choice[]): void {
   element(list).replaceChildren(...choices.map(({ value, words }) => Object.assign(document.createElement("option"), { value, textContent: words })));
 }
 
-async function look(): Promise<void> {
+/** Ask how it stands. `refill`: the settings are shown as they are, too, in the place of what the user has typed. */
+async function look(refill = true): Promise<void> {
   state = await ask<State>("GET", "state");
   element("name").textContent = state.name;
   element("status").textContent = `${state.runs ? "runs" : "does not run: see its log below"}, version ${state.version}`;
   element("status").classList.toggle("bad", !state.runs);
+  fill("sources", state.sources);
+  fill("cameras", [{ value: "equirect", words: "a whole sphere, already flattened" }, ...state.cameras]);
+  fill("boards", state.ports.map(({ value, words }) => ({ value: `mcu:${value}`, words })));
+  element("log").textContent = state.log.join("\n");
+  if (!refill) return;
   for (const control of controls()) {
     const values = state.settings[control.name] ?? [];
     control.value = values.join("\n") || (control.name === "preset" ? "balanced" : "");
@@ -75,10 +81,6 @@ async function look(): Promise<void> {
     control.disabled = several;
   }
   element("several").hidden = (state.settings["source"]?.length ?? 0) < 2;
-  fill("sources", state.sources);
-  fill("cameras", [{ value: "equirect", words: "a whole sphere, already flattened" }, ...state.cameras]);
-  fill("boards", state.ports.map(({ value, words }) => ({ value: `mcu:${value}`, words })));
-  element("log").textContent = state.log.join("\n");
   element("config").textContent = state.config;
   element<HTMLTextAreaElement>("text").value = state.text;
 }
@@ -86,11 +88,13 @@ async function look(): Promise<void> {
 async function change(body: unknown): Promise<void> {
   busy(true);
   element("status").textContent = "is restarted";
+  let done = false;
   try {
     await ask("PUT", "settings", body);
+    done = true;
   } finally {
     busy(false);
-    await look();
+    await look(done);
   }
 }
 
@@ -110,7 +114,7 @@ element("restart").addEventListener("click", () => void act(async () => {
     await ask("POST", "restart");
   } finally {
     busy(false);
-    await look();
+    await look(false);
   }
 }));
 element("save-text").addEventListener("click", () => void act(() => change({ text: element<HTMLTextAreaElement>("text").value })));
@@ -152,7 +156,11 @@ function card(task: Task): HTMLFormElement {
   const inputs = task.fields.map((field) => ({ field, input: control(field) }));
   const labels = inputs.map(({ field, input }) => {
     const label = document.createElement("label");
-    if (field.kind !== "choice") input.value = initial(field);
+    // As the settings are when it is opened, until the user has written something.
+    const begin = (): void => { if (field.kind !== "choice" && !input.dataset["written"]) input.value = initial(field); };
+    begin();
+    fold.addEventListener("toggle", begin);
+    input.addEventListener("input", () => { input.dataset["written"] = "yes"; });
     label.append(`${field.label} `, input);
     return label;
   });
@@ -179,6 +187,21 @@ async function picture(name: string): Promise<HTMLElement> {
     : Object.assign(document.createElement("a"), { href: url, download: name, textContent: `Save ${name}` });
 }
 
+/** A phone sleeps, a network goes away: ask again. */
+async function patiently<T>(work: () => Promise<T>): Promise<T> {
+  for (let left = 60; ; left--) {
+    try {
+      const found = await work();
+      if (left < 60) show("");
+      return found;
+    } catch (error) {
+      if (!left) throw error;
+      show((error as Error).message);
+      await new Promise((done) => setTimeout(done, 2000));
+    }
+  }
+}
+
 /** Show a task until it ends. */
 async function follow(): Promise<void> {
   const output = element("output"), lines: string[] = [];
@@ -191,7 +214,7 @@ async function follow(): Promise<void> {
   element("running").scrollIntoView({ block: "start" });
   try {
     for (;;) {
-      const told = await ask<Told>("GET", `job?after=${said}`);
+      const told = await patiently(() => ask<Told>("GET", `job?after=${said}`));
       const task = state!.tasks.find(({ name }) => name === told.task)!;
       said = told.said;
       lines.push(...told.lines);
@@ -200,12 +223,15 @@ async function follow(): Promise<void> {
       output.scrollTop = output.scrollHeight;
       element("running-title").textContent = task.title;
       element("while-running").hidden = told.status !== null;
-      for (const id of ["continue", "skip"]) element(id).hidden = !task.asks;
+      for (const id of ["continue", "skip"]) {
+        element(id).hidden = !task.asks;
+        element<HTMLButtonElement>(id).disabled = !told.waits;
+      }
       const seconds = Math.round(told.seconds);
       element("running-state").textContent = told.status === null ? `runs, ${seconds} s` : `${told.status === 0 ? "done" : `ended with status ${told.status}: read what it says`}, after ${seconds} s`;
       element("next").textContent = told.status === 0 ? task.next_step : "";
       const use = element<HTMLButtonElement>("use");
-      use.hidden = !(told.written && task.setting);
+      use.hidden = !(told.written && task.setting) || (state!.settings["source"]?.length ?? 0) > 1;
       use.textContent = `Use ${told.written?.split("/").pop()}`;
       use.onclick = () => void act(() => change({ set: { [task.setting]: [told.written!] } }));
       if (told.status === null) continue;
@@ -214,7 +240,7 @@ async function follow(): Promise<void> {
     }
   } finally {
     busy(false);
-    await look();
+    await look(false);
   }
 }
 

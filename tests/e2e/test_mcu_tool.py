@@ -216,6 +216,62 @@ def test_flash_puts_the_former_firmware_back(tmp_path: Path) -> None:
         assert "SETTLED at 0.00°" in mcu(tmp_path, "home")
 
 
+def fake_avrdude(folder: Path, script: str) -> dict[str, str]:
+    """An environment in which avrdude is this shell script; $REAL is the real one."""
+    fake = folder / "bin" / "avrdude"
+    fake.parent.mkdir()
+    fake.write_text(f"#!/bin/sh\nREAL={shutil.which('avrdude')}\n{script}")
+    fake.chmod(0o755)
+    return {**os.environ, "PATH": f"{fake.parent}:{os.environ['PATH']}"}
+
+
+def test_a_write_that_fails_puts_back_what_was_read_before_it(tmp_path: Path) -> None:
+    """Reading is not repeated when writing is: what is half written would be read."""
+    counts = f'echo "$*" >>{tmp_path}/calls\n'
+    fails = 'case "$*" in *flash:w:*dead.hex*) exit 1;; esac\nexec $REAL "$@"\n'
+    (tmp_path / "dead.hex").write_text(":02000000FFCF30\n:00000001FF\n")
+    with Box("avr", tmp_path / "mcu"):
+        done = subprocess.run(
+            [LIGHTPROBE, "mcu", "flash", "--port", f"serial:{tmp_path / 'mcu'}",
+             "--hex", tmp_path / "dead.hex"],
+            capture_output=True, text=True, env=fake_avrdude(tmp_path, counts + fails), timeout=300,
+        )  # fmt: skip
+    calls = (tmp_path / "calls").read_text().splitlines()
+    assert [sum(f"flash:{way}:" in call for call in calls) for way in "rw"] == [1, 4]
+    assert done.returncode == 1
+    assert "the former one is back, and firmware 0.1.0 answers" in done.stderr
+
+
+def test_a_chip_without_a_program_has_nothing_to_be_put_back(tmp_path: Path) -> None:
+    """What cannot be put back is not said to be back."""
+    empty = 'case "$*" in *flash:r:*) f="${*##*flash:r:}"; echo :00000001FF >"${f%:i}";;\n'
+    empty += "*) exit 1;; esac\n"
+    with Box("avr", tmp_path / "mcu"):
+        done = subprocess.run(
+            [LIGHTPROBE, "mcu", "flash", "--port", f"serial:{tmp_path / 'mcu'}"],
+            capture_output=True, text=True, env=fake_avrdude(tmp_path, empty), timeout=300,
+        )  # fmt: skip
+    assert done.returncode == 1
+    assert "there was no former firmware: try again" in done.stderr
+
+
+def test_ctrl_c_waits_until_the_firmware_is_whole(tmp_path: Path) -> None:
+    slow = 'case "$*" in *flash:w:*) touch "$0.writes"; $REAL "$@" && sleep 3; exit $?; esac\n'
+    slow += 'exec $REAL "$@"\n'
+    environment = fake_avrdude(tmp_path, slow)
+    with Box("avr", tmp_path / "mcu"):
+        process = subprocess.Popen(
+            [LIGHTPROBE, "mcu", "flash", "--port", f"serial:{tmp_path / 'mcu'}"],
+            stdout=subprocess.PIPE, text=True, env=environment, start_new_session=True,
+        )  # fmt: skip
+        while not (tmp_path / "bin/avrdude.writes").exists():
+            assert process.poll() is None
+            time.sleep(0.05)
+        os.killpg(process.pid, signal.SIGINT)
+        assert "firmware 0.1.0 answers" in process.communicate(timeout=300)[0]
+        assert process.returncode == 130
+
+
 def test_flash_that_misses_the_boot_loader_resets_the_chip_again(tmp_path: Path) -> None:
     """As on a busy machine: the boot loader has stopped listening before avrdude speaks."""
     late = tmp_path / "bin" / "avrdude"

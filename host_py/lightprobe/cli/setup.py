@@ -19,7 +19,7 @@ from lightprobe import installation
 from lightprobe.cli import pair
 from lightprobe.errors import LightprobeError
 from lightprobe.setup import service
-from lightprobe.setup.web import Setup
+from lightprobe.setup.web import LEAST_TOKEN, Setup
 
 _OWNER = "owner"
 _PORT = 7703
@@ -74,27 +74,33 @@ def command(
     with tempfile.TemporaryDirectory(prefix="lightprobe-setup-") as scratch:
         probe = _service(config, Path(scratch))
         listening = _listen(network, port)
+        setup = Setup(token, config, probe, page, folder)
         host = pair.shown_host(hosts) if network else "127.0.0.1"
-        address = (
-            f"{'https' if tls else 'http'}://{f'[{host}]' if ':' in host else host}"
-            f":{listening.getsockname()[1]}/setup.html#owner={token}"
-        )
-        if network:
-            segno.make(address, error="m").terminal(out=sys.stdout, compact=True)
-        print(address, flush=True)
+        site = f"{'https' if tls else 'http'}://{f'[{host}]' if ':' in host else host}"
+        _tell(f"{site}:{listening.getsockname()[1]}/setup.html", token, folder, network)
         try:
             web.run_app(
-                Setup(token, config, probe, page).application(), sock=listening, ssl_context=tls,
-                print=None, access_log=None, handle_signals=True,
+                setup.application(), sock=listening, ssl_context=tls, print=None, access_log=None,
             )  # fmt: skip
         finally:
             if isinstance(probe, service.Child):
                 probe.stop()
 
 
+def _tell(page: str, token: str, folder: Path, network: bool) -> None:
+    """Print the address; not the token where it would stay in a journal."""
+    if os.environ.get("JOURNAL_STREAM"):
+        print(f"{page}#owner=… the token is in {folder / _OWNER}", flush=True)
+        return
+    address = f"{page}#owner={token}"
+    if network:
+        segno.make(address, error="m").terminal(out=sys.stdout, compact=True)
+    print(address, flush=True)
+
+
 def _service(config: Path, scratch: Path) -> service.Service:
     """The one of systemd that has this configuration, else a child process."""
-    if config == _CONFIG and Path("/run/systemd/system").is_dir():
+    if config.resolve() == _CONFIG.resolve() and Path("/run/systemd/system").is_dir():
         if os.geteuid() != 0:
             raise LightprobeError(
                 f"setup: {service.UNIT}: only root may change it: sudo lightprobe setup, or name "
@@ -113,13 +119,11 @@ def _owner(folder: Path, network: bool, new: bool) -> tuple[str, list[str], ssl.
     """Token, names, and keys of the page; made where they are missing. Raises OSError."""
     hosts, tls = ["127.0.0.1"], None
     if network:
-        if not (folder / pair.CERTIFICATE).exists():
-            pair.make(folder, pair.own_hosts())
-        hosts = pair.read(folder).hosts
+        hosts = pair.ensure(folder)[0].hosts
         tls = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
         tls.load_cert_chain(folder / pair.CERTIFICATE, folder / pair.KEY)
     file = folder / _OWNER
-    if new or not file.exists():
+    if new or not file.exists() or len(file.read_text().strip()) < LEAST_TOKEN:
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         pair.write_secret(file, secrets.token_urlsafe(24).encode() + b"\n")
     return file.read_text().strip(), hosts, tls

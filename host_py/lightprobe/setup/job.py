@@ -18,7 +18,7 @@ from typing import Any
 from lightprobe.setup.tasks import Task
 
 _MOST_LINES, _LONGEST_LINE = 2000, 2000
-_END_S = 20.0
+_END_S = 30.0
 
 
 @dataclass(eq=False)
@@ -37,10 +37,15 @@ class Job:
     began_ns: int = field(default_factory=time.time_ns)
     ended_s: float | None = None
     _process: asyncio.subprocess.Process | None = None
+    _stopped: bool = False
+    _answered: int = 0  # lines that had been said
 
     async def run(self, words: Sequence[str]) -> None:
         """Run `lightprobe WORDS` to its end; what it says becomes lines."""
         environment = os.environ | {"COLUMNS": "100", "NO_COLOR": "1", "PYTHONUNBUFFERED": "1"}
+        if self._stopped:  # before it has begun
+            self.end(1)
+            return
         try:
             self._process = await asyncio.create_subprocess_exec(
                 sys.executable, "-P", "-m", "lightprobe", *words,
@@ -58,25 +63,37 @@ class Job:
                     self.say(line.decode(errors="replace").rstrip())
             if rest:
                 self.say(rest.decode(errors="replace").rstrip())
-            self.status = await self._process.wait()
+            self.end(await self._process.wait())
         except OSError as error:
             self.say(f"setup: {self.task.name}: start: {error.strerror}")
-            self.status = 1
-        finally:
-            self.ended_s = time.monotonic()
+            self.end(1)
+
+    def end(self, status: int) -> None:
+        """It has ended so."""
+        self.status, self.ended_s = status, time.monotonic()
 
     def say(self, line: str) -> None:
         """Add a line."""
         self.lines.append(line[:_LONGEST_LINE])
         self.said += 1
 
-    def answer(self, skip: bool) -> None:
-        """Press Enter; skip: leave the step out."""
-        if self._process and self._process.stdin and self.status is None:
-            self._process.stdin.write(b"s\n" if skip else b"\n")
+    @property
+    def waits(self) -> bool:
+        """Whether it has asked, and nobody has answered."""
+        asked = bool(self.lines) and "Enter" in " ".join(list(self.lines)[-2:])
+        return self.task.asks and asked and self.status is None and self.said > self._answered
+
+    def answer(self, skip: bool) -> bool:
+        """Press Enter; skip: leave the step out. False: it has not asked."""
+        if not (self.waits and self._process and self._process.stdin):
+            return False
+        self._answered = self.said
+        self._process.stdin.write(b"s\n" if skip else b"\n")
+        return True
 
     async def stop(self) -> None:
         """End it, as Ctrl-C does, and in the end without asking."""
+        self._stopped = True
         process = self._process
         if process is None or process.returncode is not None:
             return
@@ -98,7 +115,7 @@ class Job:
         ended_s = self.ended_s if self.ended_s is not None else time.monotonic()
         there = [name for name in self.task.files if (Path(self.folder.name) / name).is_file()]
         return {
-            "task": self.task.name, "status": self.status, "said": self.said,
+            "task": self.task.name, "status": self.status, "said": self.said, "waits": self.waits,
             "lines": list(self.lines)[len(self.lines) - new :],
             "seconds": ended_s - self.began_s, "files": there,
             "written": str(self.writes) if self._has_written() else None,

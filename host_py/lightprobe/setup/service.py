@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import shutil
 import signal
 import socket
 import subprocess
@@ -55,11 +56,13 @@ class Systemd:
     @property
     def runs(self) -> bool:
         """Whether it does."""
-        return subprocess.run(["systemctl", "is-active", "-q", UNIT]).returncode == 0
+        done = subprocess.run(["systemctl", "is-active", UNIT], capture_output=True, text=True)
+        return done.stdout.strip() in ("active", "activating", "reloading")
 
     def log(self) -> list[str]:
         """Its newest lines in the journal."""
-        command = ["journalctl", "-u", UNIT, "-n", str(_LOG_LINES), "-o", "cat", "--no-pager"]
+        command = ["journalctl", f"_SYSTEMD_UNIT={UNIT}", "-n", str(_LOG_LINES), "-o", "cat",
+                   "--no-pager"]  # fmt: skip
         done = subprocess.run(command, capture_output=True, text=True, errors="replace")
         return done.stdout.splitlines()
 
@@ -70,7 +73,8 @@ class Systemd:
             ["systemctl", verb, UNIT], capture_output=True, text=True, errors="replace"
         )
         if done.returncode:
-            raise LightprobeError(f"setup: {UNIT}: {verb}: {done.stderr.strip()}")
+            words = " ".join(self.log()[-3:]) if verb == "start" else done.stderr.strip()
+            raise LightprobeError(f"setup: {UNIT}: {verb}: {words}")
 
 
 class Child:
@@ -86,8 +90,10 @@ class Child:
         if self.runs:
             return
         with open(self._log, "wb") as log:
+            # It ends with this program, also when that is killed.
+            tie = ["setpriv", "--pdeathsig", "TERM"] if shutil.which("setpriv") else []
             self._process = subprocess.Popen(
-                [daemon.find(), f"--config={self._config}"],
+                [*tie, daemon.find(), f"--config={self._config}"],
                 stdin=subprocess.DEVNULL, stdout=log, stderr=log,
             )  # fmt: skip
 
@@ -121,14 +127,23 @@ def apply(service: Service, file: Path, text: str) -> None:
     A configuration that the daemon refuses is not written. One with which it does not run (a port
     that is taken, a device that is none) is taken back.
     """
-    before = file.read_text(encoding="utf-8") if file.exists() else ""
+    existed = file.exists()
+    before = settings.read(file)
     settings.check(file, text)
     settings.write(file, text)
     try:
         restart(service, settings.values(text))
     except LightprobeError as error:
-        settings.write(file, before)
-        restart(service, settings.values(before))
+        if existed:
+            settings.write(file, before, keep=False)
+        else:
+            file.unlink()
+        try:
+            restart(service, settings.values(before))
+        except LightprobeError as again:
+            raise LightprobeError(
+                f"{error} — the former settings are back, but do not help: {again}"
+            ) from None
         raise LightprobeError(f"{error} — the former settings are back") from None
 
 

@@ -20,12 +20,14 @@ _EXAMPLE = re.compile(r"^\s*#\s*([a-z][a-z0-9-]*)\s*=")
 _NAME = re.compile(r"[a-z][a-z0-9-]{0,40}")
 _LONGEST_VALUE = 2047
 _CHECK_S = 30.0
+#: Where the service's copies are, and where they come from (packaging/systemd/drop-ins/wss.conf).
+_CREDENTIALS, _PAIR = "/run/credentials/lightprobed.service", "/etc/lightprobe/pair"
 
 
 def values(text: str) -> dict[str, list[str]]:
     """All settings of a configuration, by name, in their order."""
     found: dict[str, list[str]] = {}
-    for line in text.splitlines():
+    for line in text.split("\n"):
         match = _LINE.match(line)
         if match:
             value = re.split(r"\s;", match[2], maxsplit=1)[0].strip()
@@ -39,7 +41,8 @@ def changed(text: str, wanted: Mapping[str, Sequence[str]]) -> str:
     No values: the setting goes, and the daemon's default counts. New lines stand where the former
     ones stood, else behind their example, else at the end.
     """
-    lines = text.splitlines()
+    end = "\r\n" if "\r\n" in text else "\n"
+    lines = text.rstrip("\r\n").split(end) if text.strip() else []
     for name, wishes in wanted.items():
         if not _NAME.fullmatch(name):
             raise UsageError(f"setup: {name[:40]!r}: no name of a setting (lightprobed --help)")
@@ -49,7 +52,7 @@ def changed(text: str, wanted: Mapping[str, Sequence[str]]) -> str:
         at = places[0] if places else examples[-1] + 1 if examples else len(lines)
         lines = [line for i, line in enumerate(lines) if i not in places]
         lines[at:at] = new
-    return "\n".join(lines) + "\n"
+    return end.join(lines) + end
 
 
 def _names(form: re.Pattern[str], line: str, name: str) -> bool:
@@ -68,19 +71,37 @@ def _checked(name: str, value: str) -> str:
     return value
 
 
+def read(file: Path) -> str:
+    """The configuration as it is; "" where there is none. Raises LightprobeError."""
+    try:
+        with open(file, encoding="utf-8-sig", newline="") as text:
+            return text.read()
+    except FileNotFoundError:
+        return ""
+    except (OSError, UnicodeDecodeError) as error:
+        raise LightprobeError(f"setup: {file}: read: {error}") from None
+
+
 def check(file: Path, text: str) -> None:
-    """Have the daemon read a configuration for `file`; raises UsageError with its words."""
+    """Have the daemon read a configuration for `file`; raises UsageError with its words.
+
+    The service's copies of key, certificate and token are there only while it runs: they are looked
+    for where they are copied from.
+    """
+    text = text.replace(_CREDENTIALS, _PAIR)
     try:
         handle, name = tempfile.mkstemp(dir=file.parent, prefix=f".{file.name}.", suffix=".check")
     except OSError as error:
         raise LightprobeError(f"setup: {file.parent}: write: {error.strerror}") from None
     try:
-        with open(handle, "w", encoding="utf-8") as out:
+        with open(handle, "w", encoding="utf-8", newline="") as out:
             out.write(text)
         done = subprocess.run(
             [daemon.find(), f"--config={name}", "--check-config"],
             capture_output=True, text=True, errors="replace", timeout=_CHECK_S,
         )  # fmt: skip
+    except UnicodeEncodeError:
+        raise UsageError(f"setup: {file}: it holds what is no text") from None
     except subprocess.TimeoutExpired:
         raise LightprobeError(f"setup: {file}: check: no answer in {_CHECK_S:g} s") from None
     finally:
@@ -90,20 +111,26 @@ def check(file: Path, text: str) -> None:
         raise UsageError(words or f"setup: {file}: check: exit {done.returncode}")
 
 
-def write(file: Path, text: str) -> None:
-    """Replace the file: whole or not at all, also when the power fails. The former one is kept.
+def write(file: Path, text: str, *, keep: bool = True) -> None:
+    """Replace the file: whole or not at all, also when the power fails.
 
-    Raises LightprobeError. It keeps its permissions; the copy is FILE.old.
+    It keeps its owner and permissions. `keep`: the former one becomes FILE.old. Raises
+    LightprobeError.
     """
     file = file.resolve()
     half_done = file.with_name(f".{file.name}.part")
     try:
-        with open(half_done, "w", encoding="utf-8") as out:
+        half_done.unlink(missing_ok=True)
+        handle = os.open(half_done, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
+        with open(handle, "w", encoding="utf-8", newline="") as out:
             out.write(text)
             out.flush()
             os.fsync(out.fileno())
-        if file.exists():
-            half_done.chmod(file.stat().st_mode & 0o777)
+            before = file.stat() if file.exists() else None
+            if before:
+                os.fchown(out.fileno(), before.st_uid, before.st_gid)
+            os.fchmod(out.fileno(), before.st_mode & 0o777 if before else 0o644)
+        if before and keep:
             old, link = file.with_name(f"{file.name}.old"), file.with_name(f".{file.name}.link")
             link.unlink(missing_ok=True)
             os.link(file, link)
@@ -114,6 +141,6 @@ def write(file: Path, text: str) -> None:
             os.fsync(folder)
         finally:
             os.close(folder)
-    except OSError as error:
+    except (OSError, UnicodeEncodeError) as error:
         half_done.unlink(missing_ok=True)
-        raise LightprobeError(f"setup: {file}: write: {error.strerror}") from None
+        raise LightprobeError(f"setup: {file}: write: {error}") from None

@@ -125,8 +125,8 @@ TASKS = (
         "pair", "Let clients on the network in",
         "Makes key, certificate and token, and shows the address for clients. Who has it can read "
         "the light, and change nothing.",
-        ("pair",), next_step="Do what it says under next, or add the publish line to Clients "
-        "connect at. Then scan the code.",
+        ("pair", "--dir={PAIR}"), next_step="Run what it says under next on the probe, then scan "
+        "the code.",
     ),
     Task(
         "find-cameras", "Find cameras on the network",
@@ -143,12 +143,15 @@ def named(name: str) -> Task:
     raise UsageError(f"setup: {name[:40]!r}: no such task")
 
 
-def words(task: Task, given: Mapping[str, str], folder: Path, cameras: Path) -> list[str]:
+def words(
+    task: Task, given: Mapping[str, str], folders: Mapping[str, Path], cameras: Path
+) -> list[str]:
     """The command line of a task, without its program; raises UsageError.
 
-    `folder`: for what is shown; `cameras`: for camera files, of which only names are given.
+    `folders`: FOLDER, for what is shown, and PAIR, of key, certificate and tokens; `cameras`: for
+    camera files, of which only names are given.
     """
-    filled = {"FOLDER": str(folder)}
+    filled = {name: str(folder) for name, folder in folders.items()}
     for field in task.fields:
         value = str(given.get(field.name, field.initial)).strip()
         filled[field.name] = _checked(task, field, value, cameras)

@@ -10,7 +10,6 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import hmac
-import json
 import socket
 from collections.abc import Awaitable, Callable
 from dataclasses import asdict
@@ -24,6 +23,8 @@ from lightprobe.errors import LightprobeError, UsageError
 from lightprobe.setup import choices, service, settings, tasks
 from lightprobe.setup.job import Job
 
+#: Characters of the owner's token.
+LEAST_TOKEN = 32
 _MOST_BYTES = 65536
 #: After a wrong token, so that nobody tries many.
 _WRONG_TOKEN_S = 1.0
@@ -42,9 +43,17 @@ _Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 class Setup:
     """What the page may see and do."""
 
-    def __init__(self, token: str, config: Path, daemon: service.Service, page: Path) -> None:
-        """`token`: the owner's; `page`: the folder with setup.html."""
+    def __init__(
+        self, token: str, config: Path, daemon: service.Service, page: Path, pair: Path
+    ) -> None:
+        """`token`: the owner's, of at least 32 characters; `page`: the folder with setup.html.
+
+        `pair`: of key, certificate and tokens.
+        """
+        if len(token) < LEAST_TOKEN:
+            raise LightprobeError("setup: the owner's token is too short to be one: use --new")
         self._token, self._config, self._daemon, self._page = token, config, daemon, page
+        self._pair = pair
         self._job: Job | None = None
         self._running: asyncio.Task[None] | None = None
         self._busy = asyncio.Lock()
@@ -85,6 +94,7 @@ class Setup:
     async def _check_owner(self, request: web.Request) -> None:
         origin = request.headers.get("Origin")
         if origin is not None and origin != f"{request.scheme}://{request.host}":
+            await asyncio.sleep(_WRONG_TOKEN_S)
             raise web.HTTPForbidden(text="setup: a page of elsewhere may not set up this probe")
         kind, _, given = request.headers.get("Authorization", "").partition(" ")
         if kind != "Bearer" or not hmac.compare_digest(
@@ -114,12 +124,7 @@ class Setup:
         })  # fmt: skip
 
     def _text(self) -> str:
-        try:
-            return self._config.read_text(encoding="utf-8")
-        except FileNotFoundError:
-            return ""
-        except (OSError, UnicodeDecodeError) as error:
-            raise LightprobeError(f"setup: {self._config}: read: {error}") from None
+        return settings.read(self._config)
 
     async def _set(self, request: web.Request) -> web.Response:
         """Take {"set": {NAME: [VALUE, …]}} or {"text": the whole file}."""
@@ -141,7 +146,7 @@ class Setup:
     @contextlib.asynccontextmanager
     async def _alone(self) -> Any:
         """No task runs meanwhile, and nobody else changes anything."""
-        if self._busy.locked() or (self._running and not self._running.done()):
+        if self._busy.locked() or self._works:
             raise LightprobeError("setup: something else is running: wait for it, or stop it")
         async with self._busy:
             yield
@@ -155,30 +160,40 @@ class Setup:
         given = {name: str(value) for name, value in _dict(wanted.get("fields")).items()}
         async with self._alone():
             job = Job(task, None)
-            words = tasks.words(task, given, Path(job.folder.name), self._config.parent)
+            folders = {"FOLDER": Path(job.folder.name), "PAIR": self._pair}
+            words = tasks.words(task, given, folders, self._config.parent)
             if task.writes:
                 field = next(one for one in task.fields if one.name == task.writes)
                 name = given.get(task.writes, field.initial).strip()
                 job.writes = self._config.parent / f"{name}.camera"
-            if self._job:
-                self._job.folder.cleanup()
-            self._job = job
+            former, self._job = self._job, job
+            if former:
+                former.folder.cleanup()
             self._running = asyncio.create_task(self._run(job, words))
         return web.json_response({})
 
     async def _run(self, job: Job, words: list[str]) -> None:
         """Run it; the daemon ends meanwhile where it uses the same devices."""
-        frees = job.task.takes_devices and await asyncio.to_thread(lambda: self._daemon.runs)
-        if frees:
-            await asyncio.to_thread(self._daemon.stop)
+        frees = False
         try:
+            if job.task.takes_devices:
+                frees = await asyncio.to_thread(lambda: self._daemon.runs)
+                await asyncio.to_thread(self._daemon.stop)
             await job.run(words)
+        except LightprobeError as error:
+            job.say(str(error))
+            job.end(1)
         finally:
             if frees:
                 try:
                     await asyncio.to_thread(self._daemon.start)
                 except LightprobeError as error:
                     job.say(str(error))
+
+    @property
+    def _works(self) -> bool:
+        """Whether a task runs, or the daemon is being started after it."""
+        return self._running is not None and not self._running.done()
 
     def _present(self) -> Job:
         if self._job is None:
@@ -191,13 +206,17 @@ class Setup:
         after = request.query.get("after", "0")
         said = int(after) if after.isascii() and after.isdigit() else 0
         for _ in range(round(_POLL_S / 0.1)):
-            if job.said != said or job.status is not None:
+            if job.said != said or not self._works:
                 break
             await asyncio.sleep(0.1)
-        return web.json_response(job.told(said))
+        told = job.told(said)
+        if self._works:
+            told["status"] = None
+        return web.json_response(told)
 
     async def _answer(self, request: web.Request) -> web.Response:
-        self._present().answer(skip=(await _json(request)).get("skip") is True)
+        if not self._present().answer(skip=(await _json(request)).get("skip") is True):
+            raise LightprobeError("setup: it has not asked")
         return web.json_response({})
 
     async def _stop(self, _request: web.Request) -> web.Response:
@@ -243,7 +262,7 @@ def _problem(status: int, words: str) -> web.Response:
 async def _json(request: web.Request) -> dict[str, Any]:
     try:
         return _dict(await request.json())
-    except (json.JSONDecodeError, UnicodeDecodeError):
+    except (ValueError, LookupError, RecursionError):
         raise web.HTTPBadRequest(text="setup: expected JSON") from None
 
 
