@@ -66,6 +66,13 @@ accuracy-polarization: build ## its part about mirror images, polarizer and film
 	@$(VENV)/bin/python tests/accuracy/polarization.py --page
 	@$(VENV)/bin/python tests/accuracy/polarization_live.py --page
 
+.PHONY: probes
+probes: build ## probes without the box, in simulated pictures: picture and tables of docs/users/probes.md (half an hour)
+	@$(VENV)/bin/python tests/accuracy/probe_pictures.py
+	@$(VENV)/bin/python tests/accuracy/rods.py --page
+	@$(VENV)/bin/python tests/accuracy/dodecahedra.py --page
+	@$(VENV)/bin/python tests/accuracy/objects.py --scenes 2 --page
+
 .PHONY: constants
 constants: build $(BUILD)/scenes/blender.stamp ## what the estimator's constants do: half and double of each, into docs/maintainers/constants.md (half an hour)
 	@$(VENV)/bin/python tests/accuracy/constants.py

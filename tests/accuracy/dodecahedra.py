@@ -41,8 +41,8 @@ EDGE_MM, ACROSS_PX, SIZE_PX, FOLD_DEG = 30.0, 230, (1120, 840), 0.5
 PLACE_MM = 200.0, 120.0
 #: Of white paper on the brightest face, in the codes' scale.
 BRIGHTEST = 0.85
-#: A lamp counts as found so near.
-NEAR_DEG = 25.0
+#: A lamp counts as found so near: two that are nearer to each other are listed as one.
+NEAR_DEG = 60.0
 ROUGHNESSES = (0.1, 0.5, 1.0)
 #: Of the table of angles: the lamp from the solid's centre, in mm, and its share of even light.
 LAMP_MM, EVEN = 380 * np.array([0.48, 0.6, 0.64]), 0.2
@@ -125,16 +125,16 @@ def judge(kind: str, panorama, lamps, seed: int, counts, sheets) -> list[Case]:
 def compare(case: Case, found, truth, lamps) -> None:
     """Put errors into a case."""
     made = found.irradiance(NORMALS)
+    rms = np.sqrt(np.mean((made - truth).mean(axis=1) ** 2)) / made.mean()  # with its level
+    case.relighting_sigmas = float(rms / found.relighting_sigma)
     made = made * (truth.mean() / made.mean())
     case.relighting = float((np.abs(made - truth) / truth.max(axis=0)).mean())
-    rms = np.sqrt(np.mean((made - truth).mean(axis=1) ** 2)) / truth.mean()
-    case.relighting_sigmas = float(rms / found.relighting_sigma)
     seen = np.array([one.direction for one in found.lights]).reshape(-1, 3)
     angles = np.degrees(np.arccos(np.clip(lamps @ seen.T, -1, 1)))
     free = set(range(len(seen)))
     for i in np.argsort(angles.min(axis=1)) if len(seen) else []:
         j = min(free, key=lambda at: angles[i, at], default=None)
-        if j is not None and angles[i, j] < max(NEAR_DEG, 3 * found.lights[j].direction_sigma_deg):
+        if j is not None and angles[i, j] < NEAR_DEG:
             free.discard(j)
             case.directions_deg.append(float(angles[i, j]))
             case.directions_sigmas.append(float(angles[i, j] / found.lights[j].direction_sigma_deg))

@@ -14,7 +14,8 @@ from lightprobe.cli.estimate_probe import Options
 from lightprobe.errors import LightprobeError, UsageError
 from lightprobe.estimate import EstimateFlag
 from lightprobe.evaluate import offline
-from lightprobe.probe import object_samples
+from lightprobe.imaging import image
+from lightprobe.probe import diffuse, find, object_samples
 from PIL import Image
 
 SETTINGS = offline.Settings(preset="accurate", lights=8)
@@ -96,6 +97,40 @@ def test_a_stated_albedo_is_taken(things):
     assert off(things, found.estimate) < 3 * found.estimate.relighting_sigma
 
 
+def test_a_stated_albedo_that_is_wrong_is_told(things, once):
+    found = things.estimate(more=",albedo=0.9")
+    assert any("the object seems to reflect 0.5" in note for note in found.log)
+    assert not any("seems to reflect" in note for note in once.log)
+
+
+def test_what_is_no_mesh_is_not_opened(things):
+    """An archive may unfold to anything."""
+    file = things.folder / "a.zip"
+    file.write_bytes(b"PK")
+    with pytest.raises(UsageError, match=r"no mesh that is read: expected \.obj"):
+        things.estimate(things.codes(), probe=f"object:{file}")
+
+
+def test_a_mistyped_place_is_told_as_one(things):
+    for text in ("a.glb@5,4,+30", "a.glb@-1,4", "a.glb@5.5", "a.glb,Unit=mm"):
+        with pytest.raises(UsageError, match="what follows its name is @COLUMN,ROW"):
+            things.estimate(things.codes(), probe=f"object:{things.folder}/{text}")
+    with pytest.raises(UsageError, match="a turn is"):
+        object_samples.parse("object:a.glb@5,4," + "9" * 400)
+
+
+def test_pixels_that_are_no_numbers_are_not_seen(tmp_path):
+    radiance = np.full((8, 16, 3), 0.5, np.float32)
+    radiance[2, 3], radiance[4, 5, 1] = np.inf, np.nan
+    image.write_pfm(tmp_path / "x.pfm", radiance)
+    found, clipped = diffuse.merged([tmp_path / "x.pfm"], ())
+    assert np.argwhere(clipped).tolist() == [[2, 3], [4, 5]]
+    assert np.isfinite(found).all()
+    codes = find.as_codes(tmp_path / "x.pfm")
+    assert codes[0, 0].tolist() == [codes[7, 15, 0]] * 3
+    assert codes[2, 3].min() == 255
+
+
 def test_a_textured_object_is_told(things):
     stripes = np.where(np.arange(things.thing.shape[1]) // 8 % 2, 0.4, 1.0)[:, None]
     radiance = np.where(things.thing[..., None], things.radiance * stripes, things.radiance)
@@ -140,7 +175,7 @@ def test_what_does_not_fit_is_refused(things):
     for options, said in (
         ({"square_mm": None}, "give --square-mm"), ({"board": "none"}, "needs the printed board"),
         ({"at": (12, 4)}, "beside the board"), ({"more": ",unit=mm"}, "say the mesh's unit"),
-        ({"save_camera": things.folder / "x.camera"}, "is for mirror balls"),
+        ({"save_camera": things.folder / "x.camera"}, "are for balls"),
         ({"probe": f"object:{empty}"}, "cannot be read as a mesh"),
     ):  # fmt: skip
         with pytest.raises(UsageError, match=said):

@@ -118,7 +118,7 @@ def test_what_does_not_fit_a_rod_is_refused(two, tmp_path):
         ({"square_mm": None}, "give --square-mm"), ({"board": "none"}, "needs the printed board"),
         ({"probe": "rod:50mm,8mm@12,4"}, "beside the board"),
         ({"square_mm": 2.5}, "correct --square-mm"),
-        ({"save_camera": tmp_path / "x.camera"}, "is for mirror balls"),
+        ({"save_camera": tmp_path / "x.camera"}, "are for balls"),
     ):  # fmt: skip
         with pytest.raises(UsageError, match=said):
             two.estimate(tmp_path, codes, **options)

@@ -244,7 +244,9 @@ def test_a_write_that_fails_puts_back_what_was_read_before_it(tmp_path: Path) ->
 
 def test_a_chip_without_a_program_has_nothing_to_be_put_back(tmp_path: Path) -> None:
     """What cannot be put back is not said to be back."""
-    empty = 'case "$*" in *flash:r:*) f="${*##*flash:r:}"; echo :00000001FF >"${f%:i}";;\n'
+    read = tmp_path / "read.hex"  # with a boot loader, as boards are sold
+    read.write_text(":02000000FFFF00\n:027E00001234EE\n:00000001FF\n")
+    empty = f'case "$*" in *flash:r:*) f="${{*##*flash:r:}}"; cp {read} "${{f%:i}}";;\n'
     empty += "*) exit 1;; esac\n"
     with Box("avr", tmp_path / "mcu"):
         done = subprocess.run(

@@ -299,6 +299,16 @@ def test_a_task_that_is_stopped_before_it_begins_does_not_begin(page: Page) -> N
 
     asyncio.run(stopped())
     assert (job.status, list(job.lines)) == (1, [])
+    other = Job(tasks.named("doctor"), None)
+
+    async def stopped_while_it_begins() -> None:
+        begun = asyncio.create_task(other.run(["doctor", "--wait", "60", "tcp:127.0.0.1:1"]))
+        await asyncio.sleep(0)
+        await other.stop()
+        await asyncio.wait_for(begun, 30)
+
+    asyncio.run(stopped_while_it_begins())
+    assert other.status not in (None, 0)
     assert page.ask("POST", "job/stop")[0] == 404
 
 

@@ -15,6 +15,7 @@ from lightprobe.geometry import Array
 
 READ = (".obj", ".glb", ".gltf", ".ply", ".stl")
 WRITTEN = (".ply", ".glb")
+_MOST_BYTES = 500_000_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,6 +33,16 @@ def read(file: Path, flip: bool = False) -> Mesh:
 
     `flip`: the triangles' corners run the other way round than they should.
     """
+    if file.suffix.lower() not in READ:
+        raise UsageError(f"bake: {file}: no mesh that is read: expected {', '.join(READ)}")
+    try:
+        size = file.stat().st_size
+    except OSError as error:
+        raise UsageError(f"bake: {file}: {error.strerror}") from None
+    if size > _MOST_BYTES:
+        raise UsageError(
+            f"bake: {file}: {size / 1e6:.0f} MB: simplify it to {_MOST_BYTES / 1e6:.0f} MB at most"
+        )
     try:
         loaded = trimesh.load(file, force="mesh", process=False)
     except Exception as error:  # trimesh and its readers raise whatever they like

@@ -16,7 +16,7 @@ from lightprobe.errors import UsageError
 from lightprobe.estimate import EstimateFlag
 from lightprobe.evaluate import offline
 from lightprobe.imaging import metadata
-from lightprobe.probe import diffuse, mirror
+from lightprobe.probe import diffuse, mirror, paper
 from lightprobe.probe import object as objects
 from lightprobe.probe import object_samples as samples
 
@@ -52,8 +52,8 @@ def find_light(
             "estimate: --probe object: needs the printed board: give --square-mm, the side of its "
             "squares as printed"
         )
-    if options.save_camera:
-        raise UsageError("estimate: --save-camera: is for mirror balls")
+    if options.save_camera or options.at:
+        raise UsageError("estimate: --save-camera and --ball-at: are for balls")
     board = lens_board.parse(options.board)
     solid = samples.stand(shape, board, options.square_mm)
     exposures_us = exposures_us or metadata.exposures_us([metadata.read(file) for file in files])
@@ -80,7 +80,7 @@ def told(
             )),
             irradiance_sigma=np.hypot(
                 0 if lamp.irradiance_sigma is None else lamp.irradiance_sigma,
-                objects.PAPER_SIGMA * lamp.irradiance,
+                paper.PAPER_SIGMA * lamp.irradiance,
             ),
         )
         for lamp in found.lights
@@ -90,5 +90,8 @@ def told(
         found, lights=lamps, flags=found.flags | EstimateFlag.PARTIAL_VIEW, relighting_sigma=sigma
     )
     albedo = ", ".join(f"{value:.2f}" for value in light.albedo)
-    notes = [*light.notes, f"the object reflects {albedo} of red, green and blue, if paper 0.80"]
+    notes = [
+        *light.notes,
+        f"the object reflects {albedo} of red, green and blue, if paper {paper.PAPER:.2f}",
+    ]
     return dataclasses.replace(once, estimate=found, log=[*notes, *once.log])

@@ -157,8 +157,8 @@ def _with_rod(
             "estimate: --probe rod: needs the printed board: give --square-mm, the side of its "
             "squares as printed"
         )
-    if options.save_camera:
-        raise UsageError("estimate: --save-camera: is for mirror balls")
+    if options.save_camera or options.at:
+        raise UsageError("estimate: --save-camera and --ball-at: are for balls")
     board = lens_board.parse(options.board)
     stands = rod.stand(kind, board, options.square_mm)
     offline.check_exposures(files, exposures_us)

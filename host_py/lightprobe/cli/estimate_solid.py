@@ -40,6 +40,7 @@ class _Seen:
     rotation_sigma_deg: float
     notes: tuple[str, ...]
     shaded: float  # share of the faces that are lit unevenly
+    edge_holds: bool  # the board does not contradict it
 
 
 def estimate(
@@ -68,7 +69,10 @@ def estimate(
     result = once.estimate
     result = dataclasses.replace(
         result,
-        lights=tuple(_known(lamp, found, probe.edge_mm) for lamp in result.lights),
+        lights=tuple(
+            _known(lamp, found, probe.edge_mm if seen.edge_holds else None)
+            for lamp in result.lights
+        ),
         flags=result.flags | EstimateFlag.PARTIAL_VIEW,
         relighting_sigma=float(np.hypot(result.relighting_sigma or 0.0, found.relighting_sigma)),
     )
@@ -82,6 +86,16 @@ def _check_exposures(files: Sequence[Path], exposures_us: Sequence[float]) -> No
             f"estimate: {len(files)} files and {len(exposures_us)} exposures: one for each file"
         )
     codes = [file for file in files if file.suffix.lower() not in image.HDR_SUFFIXES]
+    if codes and len(codes) < len(files):
+        raise UsageError(
+            "estimate: --probe dodecahedron: pictures of 8 bits and of high range have other "
+            "scales: give those of one kind"
+        )
+    if exposures_us and not codes:
+        raise UsageError(
+            "estimate: --exposure-us: pictures of high range hold radiance: leave it out, and "
+            "bring them to one scale"
+        )
     if len(files) > 1 and codes and not exposures_us:
         raise UsageError(
             "estimate: --probe dodecahedron: several pictures, and not all say in their Exif or "
@@ -104,7 +118,7 @@ def _read(
     notes: list[str] = []
     problems: list[str] = []
     sigmas: list[float] = []
-    uneven = 0
+    uneven, contradicts = 0, False
     for i, file in enumerate(files):
         name = f"{file}: " if len(files) > 1 else ""
         grey = np.asarray(find.as_codes(file).astype(np.float32) @ find.LUMA, np.uint8)
@@ -127,12 +141,14 @@ def _read(
         notes += [name + note for note in found.notes]
         sigmas.append(float(np.hypot(where.sigma_deg, stands.sigma_deg if stands else 0.0)))
         if stands is not None and options.square_mm is not None:
-            notes += [name + note for note in _edge_notes(where, stands, options.square_mm, probe)]
+            wrong = _edge_notes(where, stands, options.square_mm, probe)
+            notes += [name + note for note in wrong]
+            contradicts = contradicts or bool(wrong)
     if not sigmas:
         raise ProbeError(problems[0])
     notes += [f"{problem}: it is left out" for problem in problems]
     shaded = uneven / max(uneven + len(readings), 1)
-    return _Seen(tuple(readings), max(sigmas), tuple(notes), shaded)
+    return _Seen(tuple(readings), max(sigmas), tuple(notes), shaded, not contradicts)
 
 
 def _edge_notes(
@@ -148,7 +164,8 @@ def _edge_notes(
         return []
     return [
         f"by the board, a dodecahedron that lies on it has edges of {edge_mm:.0f} mm, not "
-        f"{probe.edge_mm:g}: is the edge right, and --square-mm? Directions hardly depend on it"
+        f"{probe.edge_mm:g}: is the edge right, and --square-mm? Directions hardly depend on it; "
+        "distances do, and are left out"
     ]
 
 
@@ -171,8 +188,8 @@ def _solved(seen: _Seen, probe: kind.Kind) -> light.Light:
     return dataclasses.replace(best, notes=(f"what fits best: {said}", *best.notes))
 
 
-def _known(lamp: Light, found: light.Light, edge_mm: float) -> Light:
-    """A lamp of the panorama, with what the faces tell of it."""
+def _known(lamp: Light, found: light.Light, edge_mm: float | None) -> Light:
+    """A lamp of the panorama, with what the faces tell of it; without an edge no distance."""
     if not found.lamps:
         return lamp
     known = max(found.lamps, key=lambda one: float(one.direction @ lamp.direction))
@@ -183,7 +200,7 @@ def _known(lamp: Light, found: light.Light, edge_mm: float) -> Light:
     if not known.direction @ lamp.direction > np.cos(np.radians(_SAME_LAMP_DEG)):
         return listed
     listed = dataclasses.replace(listed, direction=known.direction)
-    if known.distance_sigma is None:
+    if known.distance_sigma is None or edge_mm is None:
         return listed
     return dataclasses.replace(
         listed, distance_m=known.distance * edge_mm / 1000, distance_sigma=known.distance_sigma

@@ -162,7 +162,7 @@ def _answer(port: str) -> str:
 def _put_back(port: str, device: str, boot_baud: int, former: Path, why: str) -> NoReturn:
     """Write the former firmware again; raises McuError that says what runs now."""
     program = _without_boot_loader(former.read_text())
-    if ":00000001FF" in program.split("\n", 1)[0]:
+    if not _has_program(program):
         raise McuError(f"mcu: flash: {device}: {why}; there was no former firmware: try again")
     cut = former.with_suffix(".program.hex")
     cut.write_text(program)
@@ -180,6 +180,12 @@ def _put_back(port: str, device: str, boot_baud: int, former: Path, why: str) ->
         f"mcu: flash: {device}: the new firmware does not answer ({why}): the former one is back, "
         f"and firmware {version} answers"
     )
+
+
+def _has_program(intel_hex: str) -> bool:
+    """Whether any byte differs from those of an erased chip."""
+    data = (line[9:-2] for line in intel_hex.splitlines() if line[7:9] == "00")
+    return any(set(bytes_) - {"F", "f"} for bytes_ in data)
 
 
 def _without_boot_loader(intel_hex: str) -> str:

@@ -30,7 +30,10 @@ def command(
     (docs/users/probes.md). Then: lightprobe estimate photo.jpg --probe dodecahedron:30mm
     Example: lightprobe net dodecahedron:30mm net.pdf
     """
-    edge_mm = kind.parse(probe).edge_mm
+    found = kind.parse(probe)
+    if found.roughness is not None or found.fits_roughness:
+        raise UsageError(f"net: {probe}: a net has no roughness: dodecahedron:{found.edge_mm:g}mm")
+    edge_mm = found.edge_mm
     if not net.SMALLEST_MM <= edge_mm <= net.LARGEST_MM:
         raise UsageError(
             f"net: {probe}: on A4 an edge is {net.SMALLEST_MM:g} to {net.LARGEST_MM:g} mm; for "

@@ -11,17 +11,15 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from lightprobe.calibrate.lens_board import Board
 from lightprobe.geometry import Array
 from lightprobe.imaging.ball import Pinhole
+from lightprobe.probe import pnp
 from lightprobe.probe.kinds import ProbeError
 
 #: From OpenCV's board (+X right, +Y down on the paper, +Z into it) to the probe frame.
 _TO_PROBE = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
-#: From OpenCV's camera (+Y down, +Z ahead) to ours.
-_FROM_OPENCV = np.diag([1.0, -1, -1])
 _CORNER_SIGMA_PX = 0.1
 #: Corners that fit worse than this, RMS and relative to a square's side, contradict each other.
 _MOST_PX, _MOST_SHARE = 1.5, 0.06
@@ -54,29 +52,20 @@ def find(picture: NDArray[np.uint8], pinhole: Pinhole, board: Board) -> Pose | N
                 "not mirror (selfie cameras often do)"
             )
         return None
-    distortion = np.asarray(pinhole.distortion or (0.0,) * 4)
-    places = np.asarray(corners.picture_px, np.float64)
-    on_board = np.asarray(corners.board, np.float64)
-    found, turn, shift = cv2.solvePnP(
-        on_board, places, pinhole.matrix, distortion, flags=cv2.SOLVEPNP_IPPE
-    )
-    if found:
-        turn, shift = cv2.solvePnPRefineLM(
-            on_board, places, pinhole.matrix, distortion, turn, shift
-        )
-    seen, slopes = cv2.projectPoints(on_board, turn, shift, pinhole.matrix, distortion)
-    off_px = float(np.sqrt(np.mean(np.sum((seen.reshape(-1, 2) - places) ** 2, axis=1))))
-    side_px = np.sqrt(pinhole.fx_px * pinhole.fy_px) / max(float(np.ravel(shift)[2]), 1e-9)
-    if not found or not off_px < max(_MOST_PX, _MOST_SHARE * side_px):
+    solved = pnp.solve(
+        np.asarray(corners.board, np.float64), np.asarray(corners.picture_px, np.float64),
+        pinhole, cv2.SOLVEPNP_IPPE, _CORNER_SIGMA_PX,
+    )  # fmt: skip
+    off_px = solved.off_px if solved else np.inf
+    ahead = max(float(solved.shift[2]), 1e-9) if solved else 1.0
+    side_px = np.sqrt(pinhole.fx_px * pinhole.fy_px) / ahead
+    if solved is None or not off_px < max(_MOST_PX, _MOST_SHARE * side_px):
         raise ProbeError(
             f"the corners of the board contradict each other by {off_px:.1f} pixels: is it flat, "
             "is it the only one in the picture, and are --intrinsics those of this camera?"
         )
-    noise_px = max(off_px, _CORNER_SIGMA_PX)
-    covariance = noise_px**2 * np.linalg.inv(slopes[:, :6].T @ slopes[:, :6])[:3, :3]
-    matrix = Rotation.from_rotvec(np.ravel(turn)).as_matrix()
     return Pose(
-        rotation=_TO_PROBE @ matrix.T @ _FROM_OPENCV,
-        corner=_FROM_OPENCV @ np.ravel(shift),
-        sigma_deg=float(np.degrees(np.sqrt(np.linalg.eigvalsh(covariance)[-1]))),
+        rotation=_TO_PROBE @ solved.matrix.T @ pnp.FROM_OPENCV,
+        corner=pnp.FROM_OPENCV @ solved.shift,
+        sigma_deg=solved.sigma_deg,
     )

@@ -129,7 +129,9 @@ def merged(files: Sequence[Path], exposures_us: Sequence[float]) -> tuple[Array,
     for index in order:
         if files[index].suffix.lower() in image.HDR_SUFFIXES:
             radiance = np.asarray(image.read(files[index]).radiance, np.float64)
-            return radiance, np.zeros(radiance.shape[:2], bool)
+            # An infinite one has clipped.
+            unknown = np.asarray(~np.isfinite(radiance).all(axis=-1), bool)
+            return np.where(unknown[..., None], 0.0, radiance), unknown
         codes = image.read_srgb8(files[index])
         scale = 1e6 / exposures_us[index] if len(exposures_us) else 1.0
         light, top = table[codes] * scale, codes.max(axis=-1) >= _FULL

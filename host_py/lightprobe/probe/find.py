@@ -59,7 +59,8 @@ def as_codes(path: Path) -> NDArray[np.uint8]:
     """Codes (H, W, 3) of a picture file; of one of high range, its mid tones."""
     if path.suffix.lower() not in image.HDR_SUFFIXES:
         return image.read_srgb8(path)
-    radiance = np.asarray(image.read(path).radiance, np.float64)
+    radiance = np.nan_to_num(np.asarray(image.read(path).radiance, np.float64), posinf=1e30)
+    radiance = np.clip(radiance, 0, 1e30)
     middle = float(np.median(radiance.mean(axis=-1))) or float(radiance.mean()) or 1.0
     shown = radiance / (radiance + 2 * middle)
     return np.asarray(np.round(255 * shown ** (1 / 2.2)), np.uint8)

@@ -20,8 +20,8 @@ from lightprobe.probe import cube, paper, shadow_maps
 from lightprobe.probe.kinds import ProbeError
 from lightprobe.probe.object_samples import Samples
 
-#: 1 sigma of what white paper reflects, relative; and of an albedo that was stated.
-PAPER_SIGMA, ALBEDO_SIGMA = 0.1, 0.05
+#: 1 sigma of an albedo that was stated, relative; by so many it may differ from the found one.
+ALBEDO_SIGMA, _MOST_SIGMAS = 0.05, 3.0
 #: Of the light: what a step between texels costs, and 1 sigma of a texel where nothing tells;
 #: both for light whose mean on the board is 1.
 _STEP_COST, _SPREAD = 3.0, 5.0
@@ -181,14 +181,28 @@ def solve(found: Samples, board: Board, albedo: float | None = None) -> Light:
     seen[found.of_board] /= paper.PAPER
     level = np.median(seen[found.of_board], axis=0)
     if not np.all(level > 0):
-        raise ProbeError("the white paper is black in the picture: expose more")
+        raise ProbeError(
+            "the white paper shows no red, no green or no blue: expose more, or use light of all "
+            "colours"
+        )
     ways = transport(found, board, seen[found.of_board] / level)
     fit = _Fit(ways, seen / level, found.of_board, _prior(found, board), albedo)
     fit.run()
     _check(fit)
     covariance = cube.covariance(fit.gram() / _ALIKE, fit.light, fit.prior)
     rms = float(np.sqrt(np.mean(fit.off() ** 2)))
-    return Light(fit.light * level, covariance, level, fit.albedo, rms, found.backs, found.notes)
+    notes = (*found.notes, *_contradiction(fit.albedo, albedo))
+    return Light(fit.light * level, covariance, level, fit.albedo, rms, found.backs, notes)
+
+
+def _contradiction(found: Array, stated: float | None) -> list[str]:
+    """A note where an object reflects another share of the light than was stated."""
+    if stated is None:
+        return []
+    mean = float(found.mean())
+    if abs(mean / stated - 1) < _MOST_SIGMAS * ALBEDO_SIGMA:
+        return []
+    return [f"the object seems to reflect {mean:.2f} of the light, not {stated:g} as stated"]
 
 
 def _prior(found: Samples, board: Board) -> cube.Prior:

@@ -76,7 +76,10 @@ def parse(text: str) -> Shape:
             ",unit=mm, cm or m behind it, like object:vase.glb@5,4,albedo=0.8"
         )
     place = (float(found["column"]), float(found["row"])) if found["column"] else None
-    return Shape(Path(found["file"]), place, float(found["turn"] or 0), albedo, _MM[unit])
+    turn_deg = float(found["turn"] or 0)
+    if not abs(turn_deg) <= 360:
+        raise UsageError(f"--probe {text}: a turn is −360 to 360 degrees")
+    return Shape(Path(found["file"]), place, turn_deg, albedo, _MM[unit])
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,6 +95,11 @@ class Solid:
 
 def stand(shape: Shape, board: Board, square_mm: float) -> Solid:
     """Read the mesh and stand it on the board by its lowest point; raises UsageError."""
+    if not shape.file.exists() and ("@" in shape.file.name or "," in shape.file.name):
+        raise UsageError(
+            f"--probe object: {shape.file}: no such file: what follows its name is @COLUMN,ROW or "
+            "@COLUMN,ROW,DEGREES, then ,albedo=A and ,unit=mm, cm or m"
+        )
     try:
         read = mesh.read(shape.file)
     except UsageError as error:

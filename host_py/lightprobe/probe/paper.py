@@ -11,8 +11,10 @@ from lightprobe.geometry import Array
 from lightprobe.imaging.ball import Pinhole
 from lightprobe.probe import board as boards
 
-#: Of office paper and of toner: the share of light that they reflect.
+#: Of office paper and of toner: the share of light that they reflect; and 1 sigma of the paper's,
+#: of it.
 PAPER, TONER = 0.8, 0.04
+PAPER_SIGMA = 0.1
 
 
 def squares_per_px(pinhole: Pinhole, pose: boards.Pose, board: Board) -> float:

@@ -25,9 +25,8 @@ from lightprobe.probe import board as boards
 from lightprobe.probe import paper
 from lightprobe.probe.kinds import ProbeError, Upright
 
-#: 1 sigma of the paper's reflectance, of it; of where the rod stands and of its height, in
-#: millimetres; and of its lean.
-PAPER_SIGMA, PLACE_SIGMA_MM, HEIGHT_SIGMA_MM, LEAN_SIGMA_DEG = 0.1, 0.5, 0.5, 0.5
+#: 1 sigma of where the rod stands and of its height, in millimetres; and of its lean.
+PLACE_SIGMA_MM, HEIGHT_SIGMA_MM, LEAN_SIGMA_DEG = 0.5, 0.5, 0.5
 #: How much irradiance by the light from everywhere differs from that of even light above and an
 #: even table below, RMS over normals and relative to the mean (a choice: with it, all pictures of
 #: tests/accuracy/rods.py are within 3 sigma).
@@ -417,7 +416,7 @@ def _light(found: Sheet, rod: Rod, state: _State, rotation_sigma_deg: float) -> 
         high = np.degrees(HEIGHT_SIGMA_MM / rod.square_mm * length / way**2)
         sigma = float(np.linalg.norm([turned, tipped, high, rotation_sigma_deg, LEAN_SIGMA_DEG]))
         strength = np.linalg.norm([
-            PAPER_SIGMA, state.depth_sigma[i] / state.depths[i],
+            paper.PAPER_SIGMA, state.depth_sigma[i] / state.depths[i],
             length / rod.height * np.radians(sigma),  # the board is met aslant
         ])  # fmt: skip
         lamps.append(Lamp(

@@ -53,6 +53,8 @@ class Job:
                 stderr=asyncio.subprocess.STDOUT, env=environment, cwd=self.folder.name,
                 start_new_session=True,
             )  # fmt: skip
+            if self._stopped:
+                await self.stop()
             output = self._process.stdout
             assert output is not None
             rest = b""
@@ -92,12 +94,13 @@ class Job:
         return True
 
     async def stop(self) -> None:
-        """End it, as Ctrl-C does, and in the end without asking."""
+        """End it, as Ctrl-C does, and in the end without asking, unless it must not be cut off."""
         self._stopped = True
         process = self._process
         if process is None or process.returncode is not None:
             return
-        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGKILL):
+        numbers = [signal.SIGINT, signal.SIGTERM, signal.SIGKILL]
+        for number in numbers[:1] if self.task.ends_by_itself else numbers:
             with contextlib.suppress(ProcessLookupError):
                 os.killpg(process.pid, number)
             with contextlib.suppress(TimeoutError):

@@ -36,6 +36,7 @@ class Task:
     fields: tuple[Field, ...] = ()
     takes_devices: bool = False  # the daemon ends meanwhile, and starts again afterwards
     asks: bool = False  # it waits for Enter between its steps
+    ends_by_itself: bool = False  # it must not be cut off
     minutes: float = 0.2
     files: tuple[str, ...] = ()  # that it writes into its folder, to be shown
     writes: str = ""  # field whose camera file it writes
@@ -119,7 +120,8 @@ TASKS = (
         "flash", "Update the microcontroller",
         "Writes the firmware that belongs to this version. Calibration stays. When the new one "
         "does not answer, the former one is written back.",
-        ("mcu", "flash", "--port={port}"), (_PORT,), takes_devices=True, minutes=0.5,
+        ("mcu", "flash", "--port={port}"), (_PORT,), takes_devices=True, ends_by_itself=True,
+        minutes=0.5,
     ),
     Task(
         "pair", "Let clients on the network in",

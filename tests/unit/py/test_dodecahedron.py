@@ -7,8 +7,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from lightprobe.geometry import angle_deg
 from lightprobe.probe.dodecahedron import light, net, pose, published, solid
-from lightprobe.probe.dodecahedron.faces import PAPER, Reading
+from lightprobe.probe.dodecahedron.faces import Reading
 from lightprobe.probe.kinds import ProbeError
+from lightprobe.probe.paper import PAPER
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from scipy.spatial.transform import Rotation
 
@@ -97,7 +98,7 @@ def test_the_pose_of_markers_is_found_again(seed):
         if (turn @ face.normal) @ -middle / np.linalg.norm(middle) > 0.3:
             numbers.append(number)
             corners.append(pinhole.places(face.marker @ turn.T + centre))
-    found = pose._solved(numbers, np.array(corners), pinhole, 40.0)
+    found = pose.solved(numbers, np.array(corners), pinhole, 40.0)
     assert found.rotation == pytest.approx(turn, abs=1e-3)
     assert found.centre == pytest.approx(centre, abs=0.02)
 

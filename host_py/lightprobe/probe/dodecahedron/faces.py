@@ -13,8 +13,6 @@ from lightprobe.imaging.ball import Pinhole
 from lightprobe.probe.dodecahedron import solid
 from lightprobe.probe.dodecahedron.pose import Pose
 
-#: Of office paper: the share of light that it reflects, and its 1 sigma.
-PAPER, PAPER_SIGMA = 0.8, 0.1
 #: Beside the marker and the edges so many pixels are left out, and as a share of an edge at least.
 _EDGE_PX, _EDGE = 2.0, 0.03
 _FEWEST_PX = 30

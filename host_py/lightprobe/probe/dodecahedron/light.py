@@ -18,10 +18,11 @@ from scipy.linalg import solve_triangular
 from scipy.optimize import least_squares, nnls
 
 from lightprobe.geometry import Array, equirect_directions, equirect_solid_angles, sphere_normals
-from lightprobe.probe.dodecahedron.faces import PAPER, PAPER_SIGMA, Reading
+from lightprobe.probe.dodecahedron.faces import Reading
 from lightprobe.probe.dodecahedron.pose import FOLD_SIGMA_DEG
 from lightprobe.probe.dodecahedron.reflectance import Faces
 from lightprobe.probe.kinds import ProbeError
+from lightprobe.probe.paper import PAPER, PAPER_SIGMA
 
 #: 1 sigma of how even light differs between faces, of the darkest face; and over all normals, of
 #: its mean (choices, by what tests/accuracy/dodecahedra.py shows).
@@ -29,6 +30,8 @@ _UNEVEN, AMBIENT_SIGMA = 0.25, 0.3
 #: Of a face's level: what its colours share (print, shading of the lens, response), what each has
 #: for itself, and both of the brightest face.
 _SHARED, _OWN, _FLOOR = 0.008, 0.004, 0.002
+#: A colour of which there is less than this share of the brightest is not looked at closer.
+_LEAST_COLOUR = 0.01
 #: A lamp is listed when it makes the fit better by so much of χ²; at most so many are.
 _BETTER, _MOST_LAMPS = 20.0, 3
 #: 1 sigma of 1 / distance of a lamp, before anything is seen: in 1 / mm.
@@ -51,8 +54,8 @@ _APART_DEG = np.arange(2.5, 50, 2.5)
 #: A fit that is worse than this, RMS in sigmas, is told.
 _POOR = 2.5
 #: Normals so far from all faces that were seen may be lit by lamps that lit none; how much, of the
-#: mean irradiance, is a choice.
-_UNSEEN_COSINE, _UNSEEN = 0.6, 0.5
+#: mean irradiance, is a choice: where no lamp is found, one that shines there is likely.
+_UNSEEN_COSINE, _UNSEEN, _UNSEEN_WITHOUT_LAMP = 0.6, 0.5, 6.0
 #: Radius of the disc that a lamp is drawn as: how large it is, faces do not tell.
 _RADIUS = np.radians(1.0)
 
@@ -170,7 +173,8 @@ class _Fit:
     @cached_property
     def _root(self) -> Array:
         """(3 N, 3 N) lower triangle whose square is the covariance of all values."""
-        top = self.values.max(axis=0)
+        brightest = self.values.max(axis=0)
+        top = np.maximum(brightest, _LEAST_COLOUR * brightest.max())  # of a lamp of one colour
         total = self._ambient.copy()
         for i, reading in enumerate(self.readings):
             at = slice(3 * i, 3 * i + 3)
@@ -245,7 +249,9 @@ class _Fit:
             known = values.reshape(-1, 3)[:, 2] / self._near_sigma
             return np.concatenate([self.of(placed(values)).off, known])
 
-        begin = np.concatenate([[0, 0, max(one[3], 0.2 * self._near_sigma)] for one in lamps])
+        begin = np.concatenate([
+            [0, 0, min(max(one[3], 0.2 * self._near_sigma), _NEAREST / 2)] for one in lamps
+        ])  # fmt: skip
         low, high = np.tile([-2.0, -2.0, 0], count), np.tile([2.0, 2.0, _NEAREST], count)
         result = least_squares(
             off, begin, bounds=(low, high), x_scale=np.tile([0.1, 0.1, self._near_sigma], count),
@@ -284,7 +290,10 @@ class _Fit:
             sigma = min(float(np.hypot(sigma, self._apart_deg(state, i) / 2)), 90.0)
             lamps.append(Lamp(one[:3], sigma, *self._distance(state, i), irradiance, strength))
         if not lamps:
-            notes.append("no lamp stands out: the faces are lit evenly")
+            notes.append(
+                "no lamp stands out: the faces that are seen are lit evenly, or a lamp is behind "
+                "the dodecahedron: add pictures of other sides"
+            )
         ambient = state.solved[3 * count :]
         slope = self._slope(state)
         return Light(
@@ -370,7 +379,8 @@ class _Fit:
             turned = np.radians(lamp.direction_sigma_deg) / np.sqrt(2)
             variance = variance + (strength * turned) ** 2 * (1 - cosine**2)
         unseen = (normals @ self.faces.normals.T).max(axis=1) < _UNSEEN_COSINE
-        variance = variance + unseen * (_UNSEEN * total.mean()) ** 2
+        hidden = _UNSEEN if lamps else _UNSEEN_WITHOUT_LAMP
+        variance = variance + unseen * (hidden * total.mean()) ** 2
         return float(np.sqrt(variance.mean()) / max(float(total.mean()), 1e-12))
 
 

@@ -7,15 +7,13 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from lightprobe.geometry import Array
 from lightprobe.imaging.ball import Pinhole
+from lightprobe.probe import pnp
 from lightprobe.probe.dodecahedron import solid
 from lightprobe.probe.kinds import ProbeError
 
-#: From OpenCV's camera (+Y down, +Z ahead) to ours.
-_FROM_OPENCV = np.diag([1.0, -1, -1])
 #: 1 sigma of a corner in the picture, and how far corners may be from a solid, RMS: in pixels and
 #: in sides of the marker, since paper that is folded by hand is not exact.
 _CORNER_SIGMA_PX, _MOST_PX, _MOST_SHARE = 0.15, 1.0, 0.05
@@ -90,40 +88,34 @@ def find(grey: NDArray[np.uint8], pinhole: Pinhole) -> Pose:
             f"marker {numbers[0]} alone is read: turn the dodecahedron so that an edge or a corner "
             "of it faces the camera, and let nothing cover it"
         )
-    return _solved(numbers, corners, pinhole, side_px)
+    return solved(numbers, corners, pinhole, side_px)
 
 
-def _solved(numbers: list[int], corners: Array, pinhole: Pinhole, side_px: float) -> Pose:
+def solved(numbers: list[int], corners: Array, pinhole: Pinhole, side_px: float) -> Pose:
+    """The pose by markers (N,) and their corners (N, 4, 2); raises ProbeError."""
     points = np.concatenate([solid.faces()[number].marker for number in numbers])
-    places = corners.reshape(-1, 2)
-    distortion = np.asarray(pinhole.distortion or (0.0,) * 4)
-    camera = pinhole.matrix
-    found, turn, shift = cv2.solvePnP(points, places, camera, distortion, flags=cv2.SOLVEPNP_SQPNP)
-    off_px = np.inf
-    if found:
-        turn, shift = cv2.solvePnPRefineLM(points, places, camera, distortion, turn, shift)
-        seen, slopes = cv2.projectPoints(points, turn, shift, camera, distortion)
-        off_px = float(np.sqrt(np.mean(np.sum((seen.reshape(-1, 2) - places) ** 2, axis=1))))
-    matrix = Rotation.from_rotvec(np.ravel(turn)).as_matrix()
-    centre = np.ravel(shift)
-    faces_away = [
-        number
-        for number in numbers
-        if not solid.faces()[number].normal @ matrix.T @ (matrix @ solid.faces()[number].centre
-                                                          + centre) < 0
-    ]  # fmt: skip
-    if not found or faces_away or not off_px < max(_MOST_PX, _MOST_SHARE * side_px):
+    found = pnp.solve(points, corners.reshape(-1, 2), pinhole, cv2.SOLVEPNP_SQPNP, _CORNER_SIGMA_PX)
+    off_px = found.off_px if found else np.inf
+    if (
+        found is None
+        or not off_px < max(_MOST_PX, _MOST_SHARE * side_px)
+        or any(_faces_away(number, found) for number in numbers)
+    ):
         raise ProbeError(
             f"the markers {', '.join(map(str, sorted(numbers)))} contradict each other by "
             f"{off_px:.1f} pixels: is each face where the drawing has it, is the dodecahedron "
             "whole and the only one, and are --intrinsics those of this camera?"
         )
-    noise_px = max(off_px, _CORNER_SIGMA_PX)
-    covariance = noise_px**2 * np.linalg.inv(slopes[:, :6].T @ slopes[:, :6])[:3, :3]
     return Pose(
-        rotation=_FROM_OPENCV @ matrix,
-        centre=_FROM_OPENCV @ centre,
+        rotation=pnp.FROM_OPENCV @ found.matrix,
+        centre=pnp.FROM_OPENCV @ found.shift,
         faces=tuple(sorted(numbers)),
-        sigma_deg=float(np.degrees(np.sqrt(np.linalg.eigvalsh(covariance)[-1]))),
+        sigma_deg=found.sigma_deg,
         off_px=off_px,
     )
+
+
+def _faces_away(number: int, found: pnp.Solved) -> bool:
+    """Whether the camera would see the back of a face."""
+    face = solid.faces()[number]
+    return not (found.matrix @ face.normal) @ (found.matrix @ face.centre + found.shift) < 0

@@ -12,7 +12,8 @@ from functools import cached_property
 import numpy as np
 
 from lightprobe.geometry import Array
-from lightprobe.probe.dodecahedron.faces import PAPER, Reading
+from lightprobe.probe.dodecahedron.faces import Reading
+from lightprobe.probe.paper import PAPER
 
 #: Reflectance of the layer at normal incidence.
 _F0 = 0.04
