@@ -169,6 +169,7 @@ def test_a_task_of_the_command_line_runs_and_is_told(page: Page) -> None:
     assert page.ask("POST", "job", wanted)[0] == 200
     assert page.ask("POST", "job", wanted)[0] == 409  # one at a time
     assert page.ask("PUT", "settings", {"set": {"name": ["x"]}})[0] == 409
+    assert page.ask("POST", "job/answer", {})[0] == 409  # it asks nothing
     told = page.finish()
     assert any("connection" in line for line in told["lines"])
     assert page.name() == "before"
@@ -282,12 +283,26 @@ def test_a_step_is_answered_once_and_only_when_it_asks(
         assert page.ask("POST", "job", {"task": "check-camera", "fields": fields})[0] == 200
         deadline = time.monotonic() + 60
         while not page.ask("GET", "job?after=0")[1]["waits"]:
-            assert page.ask("POST", "job/answer", {})[0] == 409
             assert time.monotonic() < deadline
         assert page.ask("POST", "job/answer", {})[0] == 200
         assert page.ask("POST", "job/answer", {})[0] == 409
         assert page.ask("POST", "job/stop")[0] == 200
         assert page.finish()["status"] != 0
+
+
+def test_a_question_waits_for_one_answer() -> None:
+    job = Job(tasks.named("check-camera"), None)
+    job.say("a lamp is hidden, then press")
+    job.say("Enter (s and Enter: leave it out).")
+    assert job.waits
+    job._answered = job.said
+    assert not job.waits
+    job.say("measured")  # behind a question that was answered
+    assert not job.waits
+    job.say("the lens is covered, then press Enter.")
+    assert job.waits
+    job.end(0)
+    assert not job.waits
 
 
 def test_a_task_that_is_stopped_before_it_begins_does_not_begin(page: Page) -> None:

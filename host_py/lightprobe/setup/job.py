@@ -82,8 +82,9 @@ class Job:
     @property
     def waits(self) -> bool:
         """Whether it has asked, and nobody has answered."""
-        asked = bool(self.lines) and "Enter" in " ".join(list(self.lines)[-2:])
-        return self.task.asks and asked and self.status is None and self.said > self._answered
+        since = min(self.said - self._answered, 2)  # a question may be folded
+        asked = since > 0 and "Enter" in " ".join(list(self.lines)[-since:])
+        return self.task.asks and asked and self.status is None
 
     def answer(self, skip: bool) -> bool:
         """Press Enter; skip: leave the step out. False: it has not asked."""
