@@ -107,7 +107,7 @@ def test_what_is_no_mesh_is_not_opened(things):
     """An archive may unfold to anything."""
     file = things.folder / "a.zip"
     file.write_bytes(b"PK")
-    with pytest.raises(UsageError, match=r"no mesh that is read: expected \.obj"):
+    with pytest.raises(UsageError, match=r"cannot be read as a mesh: expected \.obj"):
         things.estimate(things.codes(), probe=f"object:{file}")
 
 

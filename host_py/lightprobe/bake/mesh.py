@@ -34,11 +34,11 @@ def read(file: Path, flip: bool = False) -> Mesh:
     `flip`: the triangles' corners run the other way round than they should.
     """
     if file.suffix.lower() not in READ:
-        raise UsageError(f"bake: {file}: no mesh that is read: expected {', '.join(READ)}")
+        raise UsageError(f"bake: {file}: cannot be read as a mesh: expected {', '.join(READ)}")
     try:
         size = file.stat().st_size
     except OSError as error:
-        raise UsageError(f"bake: {file}: {error.strerror}") from None
+        raise UsageError(f"bake: {file}: cannot be read as a mesh: {error.strerror}") from None
     if size > _MOST_BYTES:
         raise UsageError(
             f"bake: {file}: {size / 1e6:.0f} MB: simplify it to {_MOST_BYTES / 1e6:.0f} MB at most"
