@@ -6,14 +6,11 @@ import dataclasses
 from collections.abc import Sequence
 from pathlib import Path
 
-import numpy as np
-
 from lightprobe import daemon
 from lightprobe.calibrate import lens_board
 from lightprobe.cli import estimate_probe
 from lightprobe.cli.estimate_probe import Options
 from lightprobe.errors import UsageError
-from lightprobe.estimate import EstimateFlag
 from lightprobe.evaluate import offline
 from lightprobe.imaging import metadata
 from lightprobe.probe import diffuse, mirror, paper
@@ -71,27 +68,10 @@ def told(
 ) -> daemon.Once:
     """What the pipeline made of the light, with how well the object tells it."""
     once = estimate_probe.listed(light.panorama(_WIDTH), settings)
-    found = once.estimate
-    lamps = tuple(
-        dataclasses.replace(
-            lamp,
-            direction_sigma_deg=float(np.hypot(
-                light.direction_sigma_deg(lamp.direction), rotation_sigma_deg
-            )),
-            irradiance_sigma=np.hypot(
-                0 if lamp.irradiance_sigma is None else lamp.irradiance_sigma,
-                paper.PAPER_SIGMA * lamp.irradiance,
-            ),
-        )
-        for lamp in found.lights
-    )  # fmt: skip
-    sigma = float(np.hypot(found.relighting_sigma or 0.0, light.relighting_sigma))
-    found = dataclasses.replace(
-        found, lights=lamps, flags=found.flags | EstimateFlag.PARTIAL_VIEW, relighting_sigma=sigma
-    )
+    once = estimate_probe.with_sigmas(once, light, rotation_sigma_deg, paper.PAPER_SIGMA)
     albedo = ", ".join(f"{value:.2f}" for value in light.albedo)
     notes = [
         *light.notes,
         f"the object reflects {albedo} of red, green and blue, if paper {paper.PAPER:.2f}",
     ]
-    return dataclasses.replace(once, estimate=found, log=[*notes, *once.log])
+    return dataclasses.replace(once, log=[*notes, *once.log])

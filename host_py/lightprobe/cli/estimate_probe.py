@@ -8,6 +8,7 @@ import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +20,7 @@ from lightprobe.cli import whole_file
 from lightprobe.errors import LightprobeError, UsageError
 from lightprobe.estimate import EstimateFlag
 from lightprobe.evaluate import offline
+from lightprobe.geometry import Array
 from lightprobe.imaging import image, metadata
 from lightprobe.imaging.ball import Pinhole
 from lightprobe.probe import board as boards
@@ -122,16 +124,34 @@ def _with_diffuse(
     offline.check_exposures(files, exposures_us)
     light = diffuse.solve(diffuse.shading(files, exposures_us, sight, pinhole))
     once = listed(light.panorama(_DIFFUSE_WIDTH), settings)
+    return with_sigmas(once, light, sight.rotation_sigma_deg, diffuse.ALBEDO_SIGMA)
+
+
+class Solved(Protocol):
+    """Light that was solved for, and how well it is known."""
+
+    @property
+    def relighting_sigma(self) -> float:
+        """1 sigma of irradiance, over all normals, relative to its mean."""
+
+    def direction_sigma_deg(self, direction: Array) -> float:
+        """1 sigma of the direction of a lamp that is seen along this one."""
+
+
+def with_sigmas(
+    once: daemon.Once, light: Solved, rotation_sigma_deg: float, strength_sigma: float
+) -> daemon.Once:
+    """The estimate with what is not known of its light; `strength_sigma`: relative, of lamps."""
     found = once.estimate
     lamps = tuple(
         dataclasses.replace(
             lamp,
             direction_sigma_deg=float(np.hypot(
-                light.direction_sigma_deg(lamp.direction), sight.rotation_sigma_deg
+                light.direction_sigma_deg(lamp.direction), rotation_sigma_deg
             )),
             irradiance_sigma=np.hypot(
                 0 if lamp.irradiance_sigma is None else lamp.irradiance_sigma,
-                diffuse.ALBEDO_SIGMA * lamp.irradiance,
+                strength_sigma * lamp.irradiance,
             ),
         )
         for lamp in found.lights
