@@ -42,6 +42,7 @@ include tests/kernel/kernel.mk
 include tests/bench/bench.mk
 include tests/arm64/arm64.mk
 include tests/debian/debian.mk
+include packaging/image/image.mk
 -include $(wildcard firmware/firmware.mk hw/hw.mk)
 
 .PHONY: setup supported build demo test check format clean

@@ -37,8 +37,8 @@ install-packages:
 	@$(foreach p,$(PACKAGED),$(MAKE) $(IN_$p) DESTDIR='$(or $(DESTDIR),$(error install-packages needs DESTDIR=FOLDER; to install here: make install))/$p' &&) true
 
 install-daemon: ## install daemon, service, rules and camera files; an existing configuration stays
-	@$(call must_exist,$(BUILD)/release/bin/lightprobed)
-	@install -D -t '$(DESTDIR)$(PREFIX)/bin' $(BUILD)/release/bin/lightprobed
+	@$(call must_exist,$(INSTALLED_DAEMON))
+	@install -D -t '$(DESTDIR)$(PREFIX)/bin' $(INSTALLED_DAEMON)
 	@install -D -m 644 -t '$(DESTDIR)$(PREFIX)/lib/systemd/system' packaging/systemd/*.service
 	@sed -i 's|=/usr/bin/|=$(PREFIX)/bin/|' '$(DESTDIR)$(PREFIX)'/lib/systemd/system/lightprobe*.service
 	@install -D -m 644 packaging/systemd/lightprobe.sysusers '$(DESTDIR)$(PREFIX)/lib/sysusers.d/lightprobe.conf'
@@ -57,8 +57,13 @@ install-daemon: ## install daemon, service, rules and camera files; an existing 
 
 # Laid out as build/ is: lightprobe.installation. The venv's Python finds its packages wherever the folder lies; only
 # bin/lightprobe names the place. COMPILE=0: without Python's compiled files, which a package makes where it is installed.
+# PROCESSOR=aarch64: for another processor, as in an image, with the Python there in INSTALLED_PYTHON and the daemon in
+# INSTALLED_DAEMON; without the simulated microcontroller, a program of this one.
 COMMAND_DIR := $(PREFIX)/lib/lightprobe
 COMPILE ?= 1
+PROCESSOR ?=
+INSTALLED_PYTHON ?= $(VENV)/bin/python
+INSTALLED_DAEMON ?= $(BUILD)/release/bin/lightprobed
 install-command: install-python install-data ## install the command lightprobe (600 MB with what it needs), the viewer and the firmware
 
 install-data: ## install the viewer and the firmware alone
@@ -72,11 +77,11 @@ install-data: ## install the viewer and the firmware alone
 install-python: ## install the command lightprobe with what it needs
 	@$(call must_exist,$(VENV)/bin/lightprobe)
 	@rm -rf '$(DESTDIR)$(COMMAND_DIR)/venv'
-	@$(VENV)/bin/python -m venv --without-pip '$(DESTDIR)$(COMMAND_DIR)/venv'
+	@$(INSTALLED_PYTHON) -m venv --without-pip '$(DESTDIR)$(COMMAND_DIR)/venv'
 	@sed -i '/^command = /d' '$(DESTDIR)$(COMMAND_DIR)/venv/pyvenv.cfg'
 	@rm '$(DESTDIR)$(COMMAND_DIR)/venv/bin/'[Aa]ctivate*
-	@$(VENV)/bin/python packaging/install-command "$$(echo '$(DESTDIR)$(COMMAND_DIR)'/venv/lib/python3.*/site-packages)"
-	@install -t '$(DESTDIR)$(COMMAND_DIR)/venv/bin' $(BUILD)/firmware/lightprobe-mcu-host
+	@$(VENV)/bin/python packaging/install-command "$$(echo '$(DESTDIR)$(COMMAND_DIR)'/venv/lib/python3.*/site-packages)" $(PROCESSOR)
+	@$(if $(PROCESSOR),,install -t '$(DESTDIR)$(COMMAND_DIR)/venv/bin' $(BUILD)/firmware/lightprobe-mcu-host)
 	@$(if $(filter 0,$(COMPILE)),,$(VENV)/bin/python -m compileall -q -j 0 -s '$(DESTDIR)' '$(DESTDIR)$(COMMAND_DIR)/venv/lib')
 	@mkdir -p '$(DESTDIR)$(PREFIX)/bin'
 	@printf '#!/bin/sh\nexec %s/venv/bin/python -P -m lightprobe "$$@"\n' '$(COMMAND_DIR)' >'$(DESTDIR)$(PREFIX)/bin/lightprobe'

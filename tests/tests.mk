@@ -137,7 +137,7 @@ test-engines: build $(BABYLON)/page.bundle.js ## read exported files in Babylon.
 test-all: test-unit test-python test-js test-csharp
 
 .PHONY: test-nightly
-test-nightly: test test-engines test-long test-nightly-kernel test-nightly-python test-sanitized test-nightly-js check-c-paths test-firmware-long test-renderer check-hw test-arm64 test-debian test-deb fuzz ## run all tests, also what takes too long for .ci/run (hours): before a release, as `make -k test-nightly`, which goes on after a failure
+test-nightly: test test-engines test-long test-nightly-kernel test-nightly-python test-sanitized test-nightly-js check-c-paths test-firmware-long test-renderer check-hw test-arm64 test-debian test-deb test-image fuzz ## run all tests, also what takes too long for .ci/run (hours): before a release, as `make -k test-nightly`, which goes on after a failure
 
 .PHONY: check-rules
 check-rules: build

@@ -1,0 +1,396 @@
+#!/usr/bin/python3
+# SPDX-License-Identifier: Apache-2.0
+"""Name, networks and access of a probe whose root is never written.
+
+`appliance.py start`, at each start before the network and the daemon: it reads lightprobe.txt on
+the card's first partition, makes what is missing, and writes access.txt beside it, from which the
+owner learns how to reach the probe. `appliance.py network`, now and then: it goes back to the known
+Wi-Fi while nobody uses the access point.
+
+Files are written whole or not at all, so the power may fail at any moment. What goes wrong is said
+in the log and in access.txt, and never keeps the probe from starting.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import secrets
+import socket
+import subprocess
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+
+BOOT = Path("/boot/firmware")
+STATE = Path("/etc/lightprobe")
+#: The same folder as the image has it, below what is mounted there.
+FACTORY = Path("/usr/share/lightprobe/image")
+PROFILES = Path("/run/NetworkManager/system-connections")
+SETTINGS, ACCESS = "lightprobe.txt", "access.txt"
+#: Connections of NetworkManager; the button (lightprobe panel) opens and closes the second.
+HOME, ACCESS_POINT = "home", "lightprobe"
+#: NetworkManager's own for a shared network.
+ACCESS_POINT_ADDRESS = "10.42.0.1"
+#: Without what is easily misread: 0 and o, 1 and l.
+LETTERS = "abcdefghijkmnpqrstuvwxyz23456789"
+PASSWORD_LETTERS = 12
+Run = Callable[[Sequence[str]], str]
+
+PASSWORD = re.compile(r"[ -~]{8,63}")  # of WPA2, as IEEE 802.11 has it
+FORMS = {
+    "name": (re.compile(r"[A-Za-z0-9](?:[A-Za-z0-9-]{0,30}[A-Za-z0-9])?"), "letters, digits, -"),
+    "country": (re.compile(r"[A-Z]{2}"), "two capital letters, as DE"),
+    "wifi-name": (re.compile(r"[^\0\n]{1,32}"), "at most 32 characters"),
+    "wifi-password": (PASSWORD, "8 to 63 characters"),
+    "access-point-password": (PASSWORD, "8 to 63 characters"),
+}
+
+
+@dataclass
+class Settings:
+    """What lightprobe.txt says, and what is wrong with it."""
+
+    values: dict[str, str] = field(default_factory=dict)
+    problems: list[str] = field(default_factory=list)
+
+
+def read_settings(text: str) -> Settings:
+    """Read NAME = VALUE lines; what is empty is not there, and what is wrong is left out."""
+    found = Settings()
+    for number, line in enumerate(text.lstrip("\ufeff").splitlines(), 1):
+        name, equals, value = (part.strip() for part in line.partition("="))
+        if not line.strip() or line.lstrip().startswith("#"):
+            continue
+        where = f"{SETTINGS}, line {number}"
+        if not equals or name not in FORMS:
+            found.problems.append(f"{where}: not a setting; there are {', '.join(FORMS)}")
+        elif value and not FORMS[name][0].fullmatch(value):
+            found.problems.append(f"{where}: {name} is left out: it needs {FORMS[name][1]}")
+        elif value:
+            found.values[name] = value
+    if ("wifi-name" in found.values) != ("wifi-password" in found.values):
+        found.problems.append(
+            f"{SETTINGS}: a Wi-Fi needs its name and its password; it is left out"
+        )
+        found.values.pop("wifi-name", None)
+    return found
+
+
+def write_whole(file: Path, text: str, mode: int = 0o600) -> bool:
+    """Write a file unless it says so already, so that it is the old one or the new one at any time.
+
+    Returns whether it was written; raises OSError.
+    """
+    try:
+        if file.read_text() == text:
+            return False
+    except (OSError, UnicodeDecodeError):
+        pass
+    fresh = file.with_name(f".{file.name}.new")
+    with os.fdopen(os.open(fresh, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, mode), "w") as writing:
+        writing.write(text)
+        writing.flush()
+        os.fsync(writing.fileno())
+    os.replace(fresh, file)
+    folder = os.open(file.parent, os.O_RDONLY)
+    try:
+        os.fsync(folder)
+    finally:
+        os.close(folder)
+    return True
+
+
+def kept(file: Path, make: Callable[[], str]) -> str:
+    """Give what a file of one line says; it is made if there is none. Raises OSError."""
+    try:
+        if found := file.read_text().strip():
+            return found
+    except (OSError, UnicodeDecodeError):
+        pass
+    made = make()
+    write_whole(file, made + "\n")
+    return made
+
+
+def password() -> str:
+    """Choose a password that can be typed on a phone: 59 bits."""
+    return "".join(secrets.choice(LETTERS) for _ in range(PASSWORD_LETTERS))
+
+
+def own_digits() -> str:
+    """Four digits that tell this probe from others: of the first network card's address."""
+    for card in sorted(Path("/sys/class/net").glob("*")):
+        address = (card / "address").read_text().strip() if (card / "address").exists() else ""
+        if (card / "device").exists() and address:
+            return address.replace(":", "")[-4:]
+    return secrets.token_hex(2)
+
+
+def escaped(value: str) -> str:
+    """Write a value as keyfiles of GLib have it."""
+    text = value.replace("\\", "\\\\")
+    return "\\s" + text[1:] if text.startswith(" ") else text
+
+
+def bytes_of(ssid: str) -> str:
+    """Write the name of a network as NetworkManager takes any name: its bytes."""
+    return "".join(f"{byte};" for byte in ssid.encode())
+
+
+def profiles(name: str, settings: Settings, own_password: str) -> dict[str, str]:
+    """Give NetworkManager's files: the access point, and the known Wi-Fi, which comes first."""
+    point = f"""[connection]
+id={ACCESS_POINT}
+type=wifi
+autoconnect-priority=-100
+[wifi]
+mode=ap
+band=bg
+channel=6
+ssid={bytes_of(name)}
+[wifi-security]
+key-mgmt=wpa-psk
+proto=rsn
+pairwise=ccmp
+psk={escaped(own_password)}
+[ipv4]
+method=shared
+address1={ACCESS_POINT_ADDRESS}/24
+[ipv6]
+method=ignore
+"""
+    found = {ACCESS_POINT: point}
+    if "wifi-name" in settings.values:
+        found[HOME] = f"""[connection]
+id={HOME}
+type=wifi
+autoconnect-priority=10
+autoconnect-retries=3
+[wifi]
+ssid={bytes_of(settings.values["wifi-name"])}
+[wifi-security]
+key-mgmt=wpa-psk
+psk={escaped(settings.values["wifi-password"])}
+"""
+    return found
+
+
+def access(
+    name: str, own_password: str, settings: Settings, client: str, owner: str, problems: list[str]
+) -> str:
+    """Give the text of access.txt."""
+    wifi = settings.values.get("wifi-name")
+    lines = [
+        "How to reach this probe. Who has this file can change everything on it.",
+        "",
+        f"Name:                {name}",
+        f"Known Wi-Fi:         {wifi or f'none: write yours into {SETTINGS}'}",
+        f"Its own Wi-Fi:       {name}, where no known network is",
+        f"Password of that:    {own_password}",
+        "",
+        "To set it up, in a browser:",
+        f"    https://{name}.local:7703/setup.html#owner={owner}",
+        f"    https://{ACCESS_POINT_ADDRESS}:7703/setup.html#owner={owner}    in its own Wi-Fi",
+        "",
+        "For apps, and to see the light (the viewer):",
+        f"    {client}",
+        "",
+        *([f"What is wrong with {SETTINGS} or the card:"] if problems else []),
+        *(f"    {one}" for one in problems),
+    ]
+    return "\n".join(lines).rstrip() + "\n"
+
+
+@contextmanager
+def writable(folder: Path, run: Run) -> Iterator[None]:
+    """Mount a file system so that it can be written, and back."""
+    run(["mount", "-o", "remount,rw", str(folder)])
+    try:
+        yield
+    finally:
+        run(["sync", "--file-system", str(folder)])
+        run(["mount", "-o", "remount,ro", str(folder)])
+
+
+def run_now(words: Sequence[str]) -> str:
+    """Run a program; returns what it prints. Raises OSError with its words if it fails."""
+    done = subprocess.run(words, capture_output=True, text=True, timeout=120)
+    if done.returncode != 0:
+        raise OSError(f"{' '.join(words)}: {(done.stderr or done.stdout).strip()}")
+    return done.stdout
+
+
+class Appliance:
+    """What is done at each start; folders and programs are given, so that it can be tested."""
+
+    def __init__(
+        self,
+        *,
+        boot: Path = BOOT,
+        state: Path = STATE,
+        factory: Path = FACTORY,
+        profiles: Path = PROFILES,
+        run: Run = run_now,
+    ) -> None:
+        """Folders of the card's first partition, of the state, of the image's own files."""
+        self.boot, self.state, self.factory, self.profiles = boot, state, factory, profiles
+        self.run = run
+        self.problems: list[str] = []
+
+    def attempt(self, what: str, step: Callable[[], None]) -> None:
+        """Do a step; if it fails, say so and go on."""
+        try:
+            step()
+        except (OSError, ValueError, KeyError, subprocess.SubprocessError) as failure:
+            self.problems.append(f"{what}: {failure}")
+
+    def start(self) -> list[str]:
+        """Do all of it; returns the problems."""
+        settings = self.read()
+        self.problems += settings.problems
+        self.attempt("the card's last partition cannot be used, settings are lost at the next "
+                     "start", self.ensure_writable)  # fmt: skip
+        self.attempt("grow", self.grow)
+        self.attempt("clock", self.keep_clock)
+        name = settings.values.get("name") or self.own_name()
+        self.attempt("name", lambda: self.set_name(name))
+        own_password = settings.values.get("access-point-password") or self.own_password()
+        self.attempt("country", lambda: self.set_country(settings))
+        self.attempt("networks", lambda: self.write_profiles(name, settings, own_password))
+        self.attempt(ACCESS, lambda: self.write_access(name, own_password, settings))
+        return self.problems
+
+    def read(self) -> Settings:
+        """Read lightprobe.txt; without one nothing is set."""
+        try:
+            return read_settings((self.boot / SETTINGS).read_text(errors="replace"))
+        except OSError as failure:
+            return Settings(problems=[f"{SETTINGS} cannot be read: {failure.strerror}"])
+
+    def ensure_writable(self) -> None:
+        """Put what the image has into the state's folder, which is in memory if the card fails.
+
+        Raises OSError after that, so that it is said.
+        """
+        fails = not os.access(self.state, os.W_OK)
+        if fails:
+            self.run(["mount", "-t", "tmpfs", "-o", "mode=755,size=8m", "tmpfs", str(self.state)])
+        for file in sorted(self.factory.iterdir()):
+            if not (self.state / file.name).exists():
+                write_whole(self.state / file.name, file.read_text(), 0o644)
+        if fails:
+            raise OSError("it is damaged, or not there: write the image to another card")
+
+    def keep_clock(self) -> None:
+        """Let the time of the last synchronisation outlive this start."""
+        clock = Path("/var/lib/systemd/timesync")
+        self.run(["mkdir", "-p", str(clock)])
+        self.run(["mount", "--bind", "/data/timesync", str(clock)])
+
+    def grow(self) -> None:
+        """Let the last partition have the rest of the card."""
+        device = self.run(["findmnt", "-no", "SOURCE", "/data"]).strip()
+        disk = "/dev/" + self.run(["lsblk", "-ndo", "PKNAME", device]).strip()
+        number = re.search(r"\d+$", device)
+        free = self.run(["sfdisk", "--list-free", "--output", "Size", "--bytes", disk])
+        sizes = [int(word) for word in free.split() if word.isdigit()]
+        if number is None or not sizes or max(sizes) < 64 << 20:
+            return
+        line = ", +\n"
+        subprocess.run(
+            ["sfdisk", "--no-reread", "--force", "-N", number[0], disk],
+            input=line, text=True, check=True, capture_output=True,
+        )  # fmt: skip
+        self.run(["partx", "--update", "--nr", number[0], disk])
+        self.run(["resize2fs", device])
+
+    def own_name(self) -> str:
+        """A name that stays, also when the network card is another one."""
+        try:
+            return kept(self.state / "name", lambda: f"lightprobe-{own_digits()}")
+        except OSError as failure:
+            self.problems.append(f"name: {failure}")
+            return f"lightprobe-{own_digits()}"
+
+    def own_password(self) -> str:
+        """A password of the access point that stays."""
+        try:
+            return kept(self.state / "access-point-password", password)
+        except OSError as failure:
+            self.problems.append(f"password: {failure}")
+            return password()
+
+    def set_name(self, name: str) -> None:
+        """Give this machine its name, until it is switched off."""
+        if socket.gethostname() != name:
+            self.run(["hostname", name])
+
+    def set_country(self, settings: Settings) -> None:
+        """Tell the radios where they are."""
+        if "country" in settings.values:
+            self.run(["iw", "reg", "set", settings.values["country"]])
+
+    def write_profiles(self, name: str, settings: Settings, own_password: str) -> None:
+        """Write NetworkManager's files, in memory."""
+        self.profiles.mkdir(parents=True, exist_ok=True)
+        for one, text in profiles(name, settings, own_password).items():
+            write_whole(self.profiles / f"{one}.nmconnection", text)
+
+    def pair(self, name: str) -> str:
+        """Give the address for clients; certificate and token are made if they are not there.
+
+        Also if they are damaged, expired, or for another name.
+        """
+        hosts = [f"{name}.local", ACCESS_POINT_ADDRESS]
+        words = ["lightprobe", "pair", "--json", "--dir", str(self.state / "pair")]
+        words += [word for host in hosts for word in ("--host", host)]
+        try:
+            said = self.run(words)
+        except OSError:
+            said = self.run([*words, "--new"])
+        # The name is not announced yet, so the command shows the other one.
+        return str(json.loads(said)["url"]).replace(ACCESS_POINT_ADDRESS, hosts[0])
+
+    def write_access(self, name: str, own_password: str, settings: Settings) -> None:
+        """Write access.txt, if it says something else, or is not there."""
+        client = self.pair(name)
+        owner = kept(self.state / "pair" / "owner", lambda: secrets.token_urlsafe(24))
+        text = access(name, own_password, settings, client, owner, self.problems)
+        file = self.boot / ACCESS
+        if not file.exists() or file.read_text(errors="replace") != text:
+            with writable(self.boot, self.run):
+                write_whole(file, text)
+
+    def back_to_known(self) -> None:
+        """Leave the access point for the known Wi-Fi if nobody is in it.
+
+        If that fails, NetworkManager opens the access point again.
+        """
+        active = self.run(["nmcli", "-t", "-f", "NAME,DEVICE", "connection", "show", "--active"])
+        for line in active.splitlines():
+            name, _, device = line.rpartition(":")
+            alone = name == ACCESS_POINT and not self.run(["iw", "dev", device, "station", "dump"])
+            if alone and (self.profiles / f"{HOME}.nmconnection").exists():
+                self.run(["nmcli", "--wait", "60", "connection", "up", HOME])
+
+
+def main() -> None:
+    """Do one of both, and say what went wrong."""
+    appliance = Appliance()
+    if sys.argv[1:] == ["start"]:
+        problems = appliance.start()
+    elif sys.argv[1:] == ["network"]:
+        appliance.attempt("the known Wi-Fi", appliance.back_to_known)
+        problems = appliance.problems
+    else:
+        sys.exit("appliance.py start|network")
+    for problem in problems:
+        print(f"lightprobe: {problem}", flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,142 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The image of a card in an emulated machine: QEMU's `virt`, not a Raspberry Pi.
+
+Kernel and first program are the card's own, read from its first partition. The machine's ports 7702
+and 7703 are at ports of this one.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import socket
+import subprocess
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import recorded
+
+LIMIT_S = 900
+BOOT_OFFSET = 4 << 20  # of the first partition: build.py, align
+ROOT_OFFSET = BOOT_OFFSET + (128 << 20)
+#: It starts report.sh, which is not in the image either.
+REPORT = """[Unit]
+After=NetworkManager.service
+[Service]
+StandardOutput=tty
+TTYPath=/dev/console
+ExecStart=/bin/sh /usr/lib/report.sh
+"""
+ARGUMENTS = "console=ttyAMA0 ro systemd.volatile=state panic=-1 systemd.log_target=console"
+
+
+def free_port() -> int:
+    """A port that nobody uses now."""
+    with socket.socket() as one:
+        one.bind(("127.0.0.1", 0))
+        return int(one.getsockname()[1])
+
+
+@dataclass
+class Card:
+    """A copy of the image, which a machine may write."""
+
+    disk: Path
+
+    def _tool(self, *words: str | Path) -> str:
+        command = [str(words[0]), "-i", f"{self.disk}@@{BOOT_OFFSET}", *map(str, words[1:])]
+        done = subprocess.run(command, capture_output=True, text=True)
+        if done.returncode != 0:
+            raise FileNotFoundError(done.stderr.strip())
+        return done.stdout
+
+    def read(self, name: str) -> str:
+        """What a file of the first partition says, as any computer reads it."""
+        return self._tool("mtype", f"::{name}")
+
+    def write(self, name: str, text: str) -> None:
+        """Change a file of the first partition."""
+        file = self.disk.with_suffix(".file")
+        file.write_text(text)
+        self._tool("mcopy", "-o", file, f"::{name}")
+
+    def copy_out(self, name: str, target: Path) -> Path:
+        """Copy a file of the first partition."""
+        self._tool("mcopy", "-o", f"::{name}", target)
+        return target
+
+
+def card(image: Path, folder: Path, more_mb: int = 0) -> Card:
+    """A card that is larger than the image by so much, whose system also tells of itself."""
+    disk = folder / "card.img"
+    subprocess.run(["cp", "--sparse=always", image, disk], check=True)
+    os.truncate(disk, disk.stat().st_size + (more_mb << 20))
+    unit = folder / "report.service"
+    unit.write_text(REPORT)
+    folder_there = "/etc/systemd/system"
+    script = (
+        f"write {unit} {folder_there}/report.service\n"
+        f"write {Path(__file__).with_name('report.sh')} /usr/lib/report.sh\n"
+        f"symlink {folder_there}/multi-user.target.wants/report.service ../report.service\n"
+    )
+    root = f"{disk}?offset={ROOT_OFFSET}"
+    subprocess.run(["debugfs", "-w", root], input=script, text=True, check=True)
+    return Card(disk)
+
+
+@dataclass
+class Machine:
+    """A machine that runs."""
+
+    process: subprocess.Popen[bytes]
+    log: Path
+    ports: dict[int, int] = field(default_factory=dict)
+
+    def said(self) -> str:
+        """What its console has said."""
+        return self.log.read_text(errors="replace")
+
+    def wait(self, pattern: str, limit_s: float = LIMIT_S) -> re.Match[str]:
+        """Wait until its console says so."""
+        end = time.monotonic() + limit_s
+        while time.monotonic() < end and self.process.poll() is None:
+            if found := re.search(pattern, self.said()):
+                return found
+            time.sleep(0.5)
+        raise AssertionError(f"no {pattern!r}:\n{self.said()[-4000:]}")
+
+
+@contextmanager
+def machine(card: Card, folder: Path, log: Path | None = None) -> Iterator[Machine]:
+    """Start it; what it writes is recorded in `log` (recorded.py)."""
+    if not shutil.which("qemu-system-aarch64"):
+        raise FileNotFoundError("qemu-system-aarch64: make test-image installs it")
+    kernel = card.copy_out("vmlinuz", folder / "vmlinuz")
+    initrd = card.copy_out("initrd.img", folder / "initrd.img")
+    ports = {7702: free_port(), 7703: free_port()}
+    forwards = "".join(f",hostfwd=tcp:127.0.0.1:{ours}-:{theirs}" for theirs, ours in ports.items())
+    console = folder / "console.log"
+    console.write_bytes(b"")
+    drive = f"driver=raw,file.driver=file,file.filename={card.disk}"
+    if log is not None:
+        log.write_bytes(b"")
+        drive = recorded.blockdev(card.disk, log)
+    command = [
+        "qemu-system-aarch64", "-M", "virt", "-cpu", "cortex-a72", "-m", "1024", "-smp", "2",
+        "-accel", "tcg,thread=multi", "-nodefaults", "-display", "none", "-no-reboot",
+        "-serial", f"file:{console}", "-kernel", kernel, "-initrd", initrd,
+        "-blockdev", f"node-name=card,{drive}",
+        "-device", "virtio-blk-pci,drive=card", "-device", "virtio-rng-pci",
+        "-netdev", f"user,id=net{forwards}", "-device", "virtio-net-pci,netdev=net,romfile=",
+        "-append", ARGUMENTS,
+    ]  # fmt: skip
+    process = subprocess.Popen(command, stdin=subprocess.DEVNULL)
+    try:
+        yield Machine(process, console, ports)
+    finally:
+        process.kill()
+        process.wait()

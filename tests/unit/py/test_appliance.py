@@ -1,0 +1,239 @@
+"""What a probe's card does at each start (packaging/image): names, networks, access."""
+
+import configparser
+import importlib.util
+import json
+import os
+import stat
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+FILE = Path(__file__).parents[3] / "packaging/image/files/usr/lib/lightprobe/image/appliance.py"
+spec = importlib.util.spec_from_file_location("appliance", FILE)
+assert spec is not None
+assert spec.loader is not None
+appliance = importlib.util.module_from_spec(spec)
+sys.modules[spec.name] = appliance  # dataclasses look there
+spec.loader.exec_module(appliance)
+
+
+class Programs:
+    """Answers for the programs that the appliance runs, and what was run."""
+
+    def __init__(self, fails: Sequence[str] = (), active: str = "", stations: str = "") -> None:
+        self.fails, self.active, self.stations = fails, active, stations
+        self.ran: list[list[str]] = []
+
+    def __call__(self, words: Sequence[str]) -> str:
+        self.ran.append(list(words))
+        if words[0] in self.fails:
+            raise OSError(f"{words[0]}: refused")
+        if words[:2] == ["lightprobe", "pair"]:
+            Path(words[words.index("--dir") + 1]).mkdir(exist_ok=True)
+            return json.dumps({"url": "https://10.42.0.1:7702/#token=t&sha256=ab"})
+        if words[:1] == ["findmnt"]:
+            return "/dev/mmcblk0p3\n"
+        if words[:1] == ["lsblk"]:
+            return "mmcblk0\n"
+        if words[0] == "nmcli" and "show" in words:
+            return self.active
+        if words[0] == "iw" and "dump" in words:
+            return self.stations
+        return ""
+
+
+def card(tmp_path: Path, programs: Programs, settings: str | None = "") -> appliance.Appliance:
+    """An appliance whose folders are here."""
+    for name in ("boot", "state", "factory", "profiles"):
+        (tmp_path / name).mkdir(exist_ok=True)
+    if settings is not None:
+        (tmp_path / "boot/lightprobe.txt").write_text(settings)
+    (tmp_path / "factory/lightprobed.conf").write_text("source = v4l2:\n")
+    return appliance.Appliance(
+        boot=tmp_path / "boot", state=tmp_path / "state", factory=tmp_path / "factory",
+        profiles=tmp_path / "profiles", run=programs,
+    )  # fmt: skip
+
+
+def keyfile(path: Path) -> configparser.ConfigParser:
+    found = configparser.ConfigParser(interpolation=None, delimiters=("=",))
+    found.read(path)
+    return found
+
+
+def test_the_file_on_the_card_is_right_as_it_is(tmp_path):
+    shipped = FILE.parents[5] / "lightprobe.txt"
+    found = appliance.read_settings(shipped.read_text())
+    assert (found.values, found.problems) == ({}, [])
+    lines = [line for line in shipped.read_text().splitlines() if line[:1] not in ("", "#")]
+    names = [line.split("=")[0].strip() for line in lines]
+    assert names == list(appliance.FORMS)
+
+
+def test_a_first_start_makes_name_networks_and_access(tmp_path):
+    programs = Programs()
+    assert card(tmp_path, programs).start() == []
+    name = (tmp_path / "state/name").read_text().strip()
+    assert name.startswith("lightprobe-")
+    assert (tmp_path / "state/lightprobed.conf").read_text() == "source = v4l2:\n"
+    access = (tmp_path / "boot/access.txt").read_text()
+    secret = (tmp_path / "state/access-point-password").read_text().strip()
+    owner = (tmp_path / "state/pair/owner").read_text().strip()
+    assert secret in access
+    assert f"https://{name}.local:7703/setup.html#owner={owner}" in access
+    assert f"https://{name}.local:7702/#token=t&sha256=ab" in access
+    point = keyfile(tmp_path / "profiles/lightprobe.nmconnection")
+    assert point["wifi"]["mode"] == "ap"
+    assert point["wifi-security"]["psk"] == secret
+    ssid = bytes(int(one) for one in point["wifi"]["ssid"].split(";") if one)
+    assert ssid.decode() == name
+    assert not (tmp_path / "profiles/home.nmconnection").exists()
+    for path in (tmp_path / "profiles").iterdir():  # NetworkManager ignores others
+        assert stat.S_IMODE(path.stat().st_mode) == 0o600
+    assert ["hostname", name] in programs.ran
+
+
+def test_a_second_start_changes_nothing_and_does_not_write_the_card(tmp_path):
+    card(tmp_path, Programs()).start()
+    before = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
+    again = Programs()
+    assert card(tmp_path, again).start() == []
+    assert {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()} == before
+    assert not any("remount,rw" in words for words in again.ran)
+
+
+@pytest.mark.parametrize("torn", ["", "How to reach", "\0" * 600, "\udcff"])
+def test_access_that_was_torn_is_written_again(tmp_path, torn):
+    card(tmp_path, Programs()).start()
+    file = tmp_path / "boot/access.txt"
+    whole = file.read_text()
+    file.write_bytes(torn.encode(errors="surrogateescape"))
+    assert card(tmp_path, Programs()).start() == []
+    assert file.read_text() == whole
+
+
+def test_the_known_wifi_comes_before_the_access_point(tmp_path):
+    text = "\ufeffcountry = DE\r\nwifi-name = Café  Ω\r\nwifi-password =  a b=c;#d \r\n"
+    programs = Programs()
+    assert card(tmp_path, programs, text).start() == []
+    home = keyfile(tmp_path / "profiles/home.nmconnection")
+    point = keyfile(tmp_path / "profiles/lightprobe.nmconnection")
+    ssid = bytes(int(one) for one in home["wifi"]["ssid"].split(";") if one)
+    assert ssid.decode() == "Café  Ω"
+    assert home["wifi-security"]["psk"] == "a b=c;#d"
+    priority = [int(one["connection"]["autoconnect-priority"]) for one in (home, point)]
+    assert priority[0] > priority[1]
+    assert ["iw", "reg", "set", "DE"] in programs.ran
+
+
+@pytest.mark.parametrize(
+    ("line", "said"),
+    [
+        ("name = my probe", "name is left out"),
+        ("name = -x", "name is left out"),
+        ("country = Germany", "country is left out"),
+        ("wifi-name = home", "its name and its password"),
+        ("wifi-password = 1234567\nwifi-name = home", "8 to 63"),
+        ("access-point-password = short", "8 to 63"),
+        ("wifi = x", "not a setting"),
+        ("hello", "not a setting"),
+    ],
+)
+def test_what_is_wrong_is_said_and_left_out(tmp_path, line, said):
+    problems = card(tmp_path, Programs(), line + "\n").start()
+    assert any(said in one for one in problems), problems
+    assert said in (tmp_path / "boot/access.txt").read_text()
+    assert not (tmp_path / "profiles/home.nmconnection").exists()
+    assert (tmp_path / "profiles/lightprobe.nmconnection").exists()
+
+
+@given(st.text())
+def test_no_text_stops_it_or_gets_out_of_its_line(text):
+    found = appliance.read_settings(text)
+    made = appliance.profiles("lightprobe-1", found, "abcdefgh")
+    for profile in made.values():
+        sections = [line for line in profile.splitlines() if line.startswith("[")]
+        assert len(sections) == len(set(sections))
+    assert all(appliance.FORMS[name][0].fullmatch(value) for name, value in found.values.items())
+
+
+@pytest.mark.parametrize("program", ["lightprobe", "mount", "hostname", "iw", "findmnt"])
+def test_a_program_that_fails_is_said_and_the_rest_is_done(tmp_path, program):
+    problems = card(tmp_path, Programs(fails=[program]), "country = US\n").start()
+    assert any(f"{program}: refused" in one for one in problems)
+    assert (tmp_path / "profiles/lightprobe.nmconnection").exists()
+
+
+def test_without_the_first_partition_the_probe_has_its_name_and_access_point(tmp_path):
+    problems = card(tmp_path, Programs(), None).start()
+    assert any("lightprobe.txt cannot be read" in one for one in problems)
+    assert (tmp_path / "profiles/lightprobe.nmconnection").exists()
+
+
+def test_a_certificate_that_is_damaged_or_for_another_name_is_made_anew(tmp_path):
+    class Refuses(Programs):
+        def __call__(self, words: Sequence[str]) -> str:
+            if words[:2] == ["lightprobe", "pair"] and "--new" not in words:
+                self.ran.append(list(words))
+                raise OSError("lightprobe: expired")
+            return super().__call__(words)
+
+    programs = Refuses()
+    assert card(tmp_path, programs).start() == []
+    assert any("--new" in words for words in programs.ran)
+
+
+def test_settings_that_were_changed_are_kept(tmp_path):
+    one = card(tmp_path, Programs())
+    (tmp_path / "state/lightprobed.conf").write_text("source = osc:x\n")
+    one.start()
+    assert (tmp_path / "state/lightprobed.conf").read_text() == "source = osc:x\n"
+
+
+@pytest.mark.parametrize("writes", range(1, 4))
+def test_a_file_is_the_old_or_the_new_one(tmp_path, monkeypatch, writes):
+    """The power fails at the first, second or third call of the system that counts."""
+    file = tmp_path / "access.txt"
+    file.write_text("old")
+    left = [writes]
+
+    def counted(call):
+        def counts(*args, **named):
+            left[0] -= 1
+            if left[0] == 0:
+                raise KeyboardInterrupt
+            return call(*args, **named)
+
+        return counts
+
+    monkeypatch.setattr(os, "fsync", counted(os.fsync))
+    monkeypatch.setattr(os, "replace", counted(os.replace))
+    with pytest.raises(KeyboardInterrupt):
+        appliance.write_whole(file, "new")
+    assert file.read_text() in ("old", "new")
+    assert (file.read_text() == "new") == (writes == 3)
+
+
+@pytest.mark.parametrize(
+    ("active", "stations", "known", "goes"),
+    [
+        ("lightprobe:wlan0\nlo:lo\n", "", True, True),
+        ("lightprobe:wlan0\n", "Station 02:00:00:00:00:01 (on wlan0)\n", True, False),
+        ("home:wlan0\n", "", True, False),
+        ("lightprobe:wlan0\n", "", False, False),
+    ],
+)
+def test_it_goes_back_to_the_known_wifi_while_nobody_is_in_the_access_point(
+    tmp_path, active, stations, known, goes
+):
+    programs = Programs(active=active, stations=stations)
+    one = card(tmp_path, programs)
+    if known:
+        (tmp_path / "profiles/home.nmconnection").write_text("")
+    one.back_to_known()
+    assert (["nmcli", "--wait", "60", "connection", "up", "home"] in programs.ran) == goes
