@@ -212,8 +212,7 @@ def test_the_second_start_is_the_same_probe(
 def torn(every: list[Record]) -> list[Record]:
     """A write that spoils the configuration, as a program would that writes it in place."""
     whole = b"# Configuration of lightprobed"
-    one = [one for one in every if one.data.startswith(whole)][-1]
-    return [replace(one, data=bytes(len(one.data)))]
+    return [replace(one, data=bytes(len(one.data))) for one in every if one.data.startswith(whole)]
 
 
 def test_power_cuts(recording: Recording, started: Machine, tmp_path: Path) -> None:
