@@ -23,7 +23,7 @@ EDGE_PX = 2
 TRUTH = "truth"
 #: Methods that a study begins with: all eight would take a participant half an hour.
 _CHOSEN = ("no shadow", "main light and ambient", "… with reflection map")
-_HEAD = """# The pictures of docs/users/seen.md. Change what you like; lightprobe study make study.toml OUT
+_HEAD = """# The pictures of docs/users/seen.md, for lightprobe study make. Change what you like.
 title = "Balls on a table"
 reference = "truth"
 methods = {methods}

@@ -18,7 +18,7 @@ from lightprobe.study.statistics import Interval
 from lightprobe.study.trials import HIGHEST
 
 _COLOURS = ("#1f6fb2", "#c8591a", "#2e8b57", "#a8323e", "#6a4fa3", "#7a5c3e", "#b8479a", "#59646f")
-_MARKS = "osD^vP*X"
+_MARKS = "oD^vP*X<"
 _REAL = "#222222"
 _LONGEST = 34
 
@@ -39,10 +39,11 @@ def draw(found: Findings, path: Path) -> None:
         _choices(places.pop(0), found)
     kind = "simulated participants" if found.simulated else "participants"
     figure.suptitle(f"{_short(found.title, 80)} — {found.people} {kind}", fontsize=10)
-    if found.simulated:
-        figure.text(
-            0.5, 0.5, SIMULATED.replace(": ", ":\n"), ha="center", va="center", rotation=20,
-            fontsize=20, color="#c00000", alpha=0.3, zorder=10,
+    for axis in axes[0] if found.simulated else ():
+        axis.text(
+            0.5, 0.5, SIMULATED.replace(": ", "\n").replace(", ", ",\n"), ha="center", va="center",
+            rotation=20, fontsize=20, color="#c00000", alpha=0.3, zorder=10,
+            transform=axis.transAxes,
         )  # fmt: skip
     figure.savefig(path, dpi=200)
     plt.close(figure)
@@ -62,14 +63,14 @@ def _ratings(axis: Axes, found: Findings) -> None:
         (
             f"{_short(method)} (real)" if method == found.reference else _short(method),
             [one.rating for one in found.ratings if one.method == method],
-            method == found.reference,
+            None if method == found.reference else ordered.index(method),
         )
         for method in (found.reference, *ordered)
     ]
     _points(axis, objects, series)
     axis.axhline(HIGHEST / 2, color="#999999", linewidth=0.8, linestyle=":")
     axis.set_ylim(0, HIGHEST)
-    axis.set_ylabel("mean rating (0 very virtual, 10 very realistic)")
+    axis.set_ylabel(f"mean rating, 0 to {HIGHEST}")
 
 
 def _choices(axis: Axes, found: Findings) -> None:
@@ -79,11 +80,11 @@ def _choices(axis: Axes, found: Findings) -> None:
     for one in rows:
         values = [one.value, *one.objects.values()]
         percent = [Interval(*(_times_100(v) for v in (x.value, x.low, x.high))) for x in values]
-        series.append((f"{_short(one.first)} to {_short(one.second, 20)}", percent, False))
+        series.append((f"{_short(one.first)} to {_short(one.second, 20)}", percent, len(series)))
     _points(axis, objects, series)
     axis.axhline(50, color="#999999", linewidth=0.8, linestyle=":")
     axis.set_ylim(0, 100)
-    axis.set_ylabel("preferred, % (50: cannot be told apart)")
+    axis.set_ylabel("preferred, %")
 
 
 def _times_100(value: float | None) -> float:
@@ -91,20 +92,23 @@ def _times_100(value: float | None) -> float:
 
 
 def _points(
-    axis: Axes, objects: list[str], series: Sequence[tuple[str, Sequence[Interval], bool]]
+    axis: Axes, objects: list[str], series: Sequence[tuple[str, Sequence[Interval], int | None]]
 ) -> None:
-    """Draw each series beside the others at each object, with bars of the intervals."""
+    """Draw each series beside the others at each object, with bars of the intervals.
+
+    A series' number chooses colour and mark; None: the real objects.
+    """
     step = 0.8 / max(len(series), 1)
-    for k, (name, values, real) in enumerate(series):
+    for k, (name, values, number) in enumerate(series):
         x = [place + (k - (len(series) - 1) / 2) * step for place in range(len(objects))]
         y = [one.value for one in values]
         below = [0.0 if one.low is None else max(one.value - one.low, 0) for one in values]
         above = [0.0 if one.high is None else max(one.high - one.value, 0) for one in values]
         axis.errorbar(
             x, y, (below, above), label=name, markersize=4.5, capsize=2, linewidth=1.2,
-            fmt="s" if real else _MARKS[k % len(_MARKS)],
-            color=_REAL if real else _COLOURS[k % len(_COLOURS)],
-            markerfacecolor="white" if real else None,
+            fmt="s" if number is None else _MARKS[number % len(_MARKS)],
+            color=_REAL if number is None else _COLOURS[number % len(_COLOURS)],
+            markerfacecolor="white" if number is None else None,
         )  # fmt: skip
     axis.set_xticks(range(len(objects)), [_short(one, 16) for one in objects])
     for place in range(1, len(objects)):
