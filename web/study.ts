@@ -114,7 +114,7 @@ async function welcome(): Promise<void> {
     ...(kinds.has("rating") ? [`you rate how real the object in a picture looks, from 0 (${data.texts.rating_ends[0]}) to ${HIGHEST} (${data.texts.rating_ends[1]})`] : []),
     ...(kinds.has("choice") ? ["you choose between two pictures"] : []),
   ];
-  element("about").textContent = `In ${data.trials.length} short tasks ${tasks.join("; then ")}. It takes ${data.minutes} minutes about. `
+  element("about").textContent = `In ${data.trials.length} short tasks ${tasks.join("; then ")}. It takes about ${data.minutes === 1 ? "a minute" : `${data.minutes} minutes`}. `
     + "Some objects are real, and some are drawn by a computer. A few tasks only check that you look. You cannot go back to a task.";
   element("consent").textContent = consent;
   element("contact").textContent = contact && `Questions: ${contact}`;
@@ -157,6 +157,7 @@ function next(): void {
   element("count").textContent = `${done + 1} of ${order.length}`;
   element<HTMLButtonElement>("next").disabled = true;
   for (const one of element("scale").querySelectorAll("input")) one.checked = false;
+  (document.activeElement as HTMLElement | null)?.blur(); // no frame around what was said of the picture before
   place(turn);
   appear();
 }

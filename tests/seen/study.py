@@ -56,12 +56,22 @@ def cut(sheet: Picture) -> dict[tuple[str, str], Picture] | None:
     return found
 
 
-def write(folder: Path, sheets: dict[str, Picture]) -> None:
+def sheets() -> dict[str, Picture]:
+    """Read the page's sheets, by place."""
+    found = {}
+    for file in sorted(PAGE.parent.glob("seen_*.jpg")):
+        sheet = np.asarray(Image.open(file).convert("RGB"))
+        if cut(sheet) is not None:
+            found[file.stem.removeprefix("seen_").replace("_", " ")] = sheet
+    return found
+
+
+def write(folder: Path, by_place: dict[str, Picture]) -> None:
     """Write the pictures of sheets, by place, and the study's TOML file."""
     methods = ", ".join(json.dumps(one, ensure_ascii=False) for one in _CHOSEN)
     text = _HEAD.format(methods=f"[{methods}]")
     folder.mkdir(parents=True, exist_ok=True)
-    for place, sheet in sheets.items():
+    for place, sheet in by_place.items():
         for (material, method), picture in (cut(sheet) or {}).items():
             file = re.sub(r"\W+", "_", f"{place} {material} {method}") + ".png"
             Image.fromarray(np.ascontiguousarray(picture)).save(folder / file)
@@ -78,12 +88,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--out", type=Path, default=OUT)
     out = parser.parse_args().out
-    sheets = {}
-    for file in sorted(PAGE.parent.glob("seen_*.jpg")):
-        sheet = np.asarray(Image.open(file).convert("RGB"))
-        if cut(sheet) is not None:
-            sheets[file.stem.removeprefix("seen_").replace("_", " ")] = sheet
-    write(out, sheets)
+    write(out, sheets())
     print(f"written: {out / 'study.toml'}")
 
 

@@ -70,6 +70,7 @@ async function answered(page: Page, by: "keys" | "touch", rating: string): Promi
   const said = (await count(page))!, rates = await page.locator("#scale").isVisible();
   const asked = rates && await page.locator("#asked").isVisible() ? /give it a (\d+)/.exec((await page.locator("#asked").textContent())!)![1]! : undefined;
   assert.ok(await page.locator("#next").isDisabled(), "Next waits for an answer");
+  assert.equal(await page.evaluate(() => document.activeElement?.tagName), "BODY", "nothing tells the answer before");
   if (by === "keys") {
     for (const digit of rates ? (asked ?? rating) : ["ArrowLeft"]) await page.keyboard.press(digit);
     await page.keyboard.press("Enter");
