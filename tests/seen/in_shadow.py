@@ -18,7 +18,7 @@ import study
 from skimage.metrics import structural_similarity
 
 sys.path.insert(0, str(study.ROOT / "tests/accuracy"))
-from page import put  # noqa: E402
+from page import put
 
 Array = npt.NDArray[np.float64]
 NO_SHADOW = "no shadow"
