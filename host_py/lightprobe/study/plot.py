@@ -59,7 +59,7 @@ def _ratings(axis: Axes, found: Findings) -> None:
     objects = list(dict.fromkeys(one.object for one in found.ratings))
     methods = list(dict.fromkeys(one.method for one in found.ratings))
     ordered = [one for one in methods if one != found.reference]
-    series = [
+    series: list[tuple[str, Sequence[Interval], int | None]] = [
         (
             f"{_short(method)} (real)" if method == found.reference else _short(method),
             [one.rating for one in found.ratings if one.method == method],
@@ -76,7 +76,7 @@ def _ratings(axis: Axes, found: Findings) -> None:
 def _choices(axis: Axes, found: Findings) -> None:
     rows = [one for one in found.comparisons if one.kind == "choice"]
     objects = [ALL, *rows[0].objects]
-    series = []
+    series: list[tuple[str, Sequence[Interval], int | None]] = []
     for one in rows:
         values = [one.value, *one.objects.values()]
         percent = [Interval(*(_times_100(v) for v in (x.value, x.low, x.high))) for x in values]

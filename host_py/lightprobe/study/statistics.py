@@ -95,14 +95,13 @@ def permutation(differences: Sequence[float] | Array) -> float:
 
 
 def wilcoxon(differences: Sequence[float] | Array) -> float:
-    """p of Wilcoxon's signed-rank test, two-sided; zeros by Pratt's way, ties as SciPy does."""
-    x = np.asarray(differences, float)
-    if not np.any(x):
-        return 1.0
-    exact = len(x) <= EXACT_UP_TO
-    method = stats.PermutationMethod(n_resamples=2**EXACT_UP_TO) if exact else "asymptotic"
-    # Differences of means of ratings that are equal differ by rounding.
-    return float(stats.wilcoxon(np.round(x, 9), zero_method="pratt", method=method).pvalue)
+    """p of Wilcoxon's signed-rank test, two-sided: the permutation test of signed ranks.
+
+    So it is exact with ties, too. Zeros have ranks and no sign (J. W. Pratt, J. Am. Stat. Assoc.
+    54, 1959).
+    """
+    x = np.round(np.asarray(differences, float), 9)  # means of ratings that are equal, rounded
+    return permutation(np.sign(x) * stats.rankdata(np.abs(x)))
 
 
 def holm(p: Sequence[float]) -> list[float]:

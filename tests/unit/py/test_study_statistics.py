@@ -92,7 +92,7 @@ def test_tests_cry_wolf_as_often_as_they_say(seed):
     """Where nothing differs, p is below 0.05 in one of twenty studies, and not in one of ten."""
     rng, studies = np.random.default_rng(seed), 200
     p = np.array([
-        [test(rng.integers(-3, 4, 10) / 3) for test in (statistics.permutation, wilcoxon_normal)]
+        [test(rng.integers(-3, 4, 8) / 3) for test in (statistics.permutation, statistics.wilcoxon)]
         for _ in range(studies)
     ])  # fmt: skip
     # 0.05 with four standard deviations of a share of 200, 0.0154 each.
@@ -100,13 +100,10 @@ def test_tests_cry_wolf_as_often_as_they_say(seed):
     assert (np.mean(p <= 0.3, axis=0) >= 0.1).all()
 
 
-def wilcoxon_normal(differences):
-    """The same without the exact enumeration, which takes a while."""
-    before, statistics.EXACT_UP_TO = statistics.EXACT_UP_TO, 0
-    try:
-        return statistics.wilcoxon(differences)
-    finally:
-        statistics.EXACT_UP_TO = before
+@given(st.lists(st.integers(-9, 9).filter(bool), min_size=3, max_size=9, unique_by=abs))
+def test_without_ties_wilcoxons_test_is_scipys(differences):
+    expected = statistics.stats.wilcoxon(differences, method="exact").pvalue
+    assert statistics.wilcoxon(differences) == pytest.approx(expected)
 
 
 @pytest.mark.parametrize("share", [0.5, 0.2])
