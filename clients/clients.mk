@@ -27,6 +27,8 @@ $(BUILD)/web/index.html: $(JS)/built
 		--target=es2022 --outfile=../web/main.js --log-level=warning
 	@cd $(JS) && node_modules/.bin/esbuild web/setup.ts --bundle --format=esm --minify --target=es2022 \
 		--outfile=../web/setup.js --log-level=warning
+	@cd $(JS) && node_modules/.bin/esbuild web/study.ts --bundle --format=iife --minify --target=es2022 \
+		--outfile=../web/study.js --log-level=warning
 	@touch $@
 web: $(BUILD)/web/index.html ## build the viewer in build/web: lightprobed --publish=ws:127.0.0.1:7701?root=build/web
 

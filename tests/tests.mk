@@ -107,11 +107,13 @@ $(STAMPS)/venv-renderer: host_py/pyproject.toml host_py/constraints.txt | $(STAM
 	@PIP_CONSTRAINT=host_py/constraints.txt $(VENV)/bin/pip install --quiet --disable-pip-version-check -e 'host_py[renderer]'
 	@touch $@
 
-.PHONY: test-renderer seen seen-beside furnished
+.PHONY: test-renderer seen seen-study seen-beside furnished
 test-renderer: build $(STAMPS)/venv-renderer ## compare measured polarization, light at a place, and AR pictures, with a physically based renderer (Mitsuba, half an hour)
 	@$(VENV)/bin/pytest -q -s -m '' tests/accuracy/test_polarization_references.py tests/accuracy/test_furnished.py tests/seen
 seen: build web $(STAMPS)/venv-renderer ## compare AR pictures with renders of the real object again, and write docs/users/seen.md (half an hour)
 	@$(VENV)/bin/python tests/seen/seen.py
+seen-study: $(STAMPS)/venv ## cut the pictures of docs/users/seen.md for lightprobe study, into build/seen/study
+	@$(VENV)/bin/python tests/seen/study.py
 seen-beside: build $(STAMPS)/venv-renderer ## compare AR pictures, mirror balls and shadows beside a probe that moves with renders again, and write docs/users/seen.md (an hour)
 	@$(VENV)/bin/python tests/seen/shadow_beside.py --page
 	@$(VENV)/bin/python tests/seen/mirror_ball.py --page

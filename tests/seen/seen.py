@@ -18,15 +18,16 @@ from pathlib import Path
 import composite
 import cv2
 import flip_evaluator
+import in_shadow
 import numpy as np
 import probe
 import room
 import shadow
+import study
 import updates
 from composite import Surroundings
 from lightprobe.colour import linear_to_srgb
 from lightprobe.geometry import Array
-from skimage.metrics import structural_similarity
 
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "tests/accuracy"))
@@ -58,7 +59,6 @@ class Figure:
     material: str
     method: str
     rmse: float
-    ssim: float
     flip: float
 
 
@@ -91,12 +91,11 @@ def on_screen(picture: Array, empty: Array) -> Array:
     return np.asarray(linear_to_srgb(np.clip(despeckled(picture) * _GREY / empty.mean(), 0, 1)))
 
 
-def compare(truth: Array, other: Array) -> tuple[float, float, float]:
-    """RMSE, SSIM and mean FLIP of two pictures of a screen."""
+def compare(truth: Array, other: Array) -> tuple[float, float]:
+    """RMSE and mean FLIP of two pictures of a screen."""
     rmse = float(np.sqrt(((truth - other) ** 2).mean()))
-    ssim = float(structural_similarity(truth, other, channel_axis=-1, data_range=1.0))
     _, flip, _ = flip_evaluator.evaluate(np.float32(truth), np.float32(other), "LDR")
-    return rmse, ssim, float(flip)
+    return rmse, float(flip)
 
 
 def lights_of(
@@ -232,7 +231,7 @@ def main() -> None:
     figures, sheets = measured(quality, list(room.PLACES), materials, ROOT / "build/seen")
     if options.json:
         print(json.dumps([vars(figure) for figure in figures], indent=2))
-    parts = {what: table(figures, materials, what) for what in ("flip", "rmse", "ssim")}
+    parts = {what: table(figures, materials, what) for what in ("flip", "rmse")}
     parts["answers"] = answers(figures)
     parts["shadow"] = shadow.table(shadow.measured())
     parts["updates"] = updates.table(updates.measured())
@@ -240,11 +239,14 @@ def main() -> None:
     out = Path(tempfile.mkdtemp()) if options.json or options.quick else ROOT / "docs/users"
     for name, picture in sheets.items():
         file = out / f"seen_{name.replace(' ', '_')}.jpg"
-        codes = np.uint8(np.rint(255 * picture[..., ::-1]))
-        cv2.imwrite(str(file), codes, [cv2.IMWRITE_JPEG_QUALITY, 88])
+        codes = np.uint8(np.rint(255 * picture))
+        cv2.imwrite(str(file), codes[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, 88])
         print(f"written: {file}", file=sys.stderr)
     if not (options.json or options.quick):
-        put(ROOT / "docs/users/seen.md", parts)
+        put(study.PAGE, parts)
+        put(study.PAGE, in_shadow.parts())
+        whole = {name: np.uint8(np.rint(255 * picture)) for name, picture in sheets.items()}
+        study.write(study.OUT, whole)
 
 
 if __name__ == "__main__":

@@ -197,6 +197,7 @@ class Root(LazyGroup):
         "replay": Entry("record:replay", "Serve a recording as a probe.", "record"),
         "setup": Entry("setup:command", "Serve a page to set up this probe in a browser.", "setup"),
         "pair": Entry("pair:command", "Make key, certificate and token for wss:.", "pair"),
+        "study": Entry("study:app", "Ask people which pictures look real.", "study"),
         "hil": Entry("hil:command", "Check a box, and write down that it works.", "mcu"),
         "mcu": Entry("mcu:app", "Talk to the microcontroller of wheel and ring.", "mcu"),
     }  # fmt: skip
