@@ -16,7 +16,7 @@ class Zone:
     pattern: Pattern  # of the LED meanwhile
 
 
-#: In order; the last one is for a button that is stuck, or that something lies on.
+#: In order; the last one is for whoever leans on it, and for a button that is stuck.
 ZONES = (
     Zone(0.0, "pair", LIT),
     Zone(1.5, None, DARK),
@@ -24,7 +24,8 @@ ZONES = (
     Zone(7.0, "shut-down", FAST),
     Zone(15.0, None, DARK),
 )
-STUCK_S = ZONES[-1].from_s
+#: No person holds it for so long.
+STUCK_S = 30.0
 
 
 class Button:

@@ -153,25 +153,24 @@ class _NoSuchLineError(LightprobeError):
 
 
 def _on(wanted: Wanted, path: str, line: str | int) -> Found:
-    try:
-        with gpiod.Chip(path) as chip:
+    with _chip(wanted, path) as chip:
+        try:
             return Found(path, chip.line_offset_from_id(line))
+        except (OSError, ValueError):
+            words = f"{path} has no line {line}: gpioinfo lists them"
+            raise _NoSuchLineError(str(wanted.fail("find", words))) from None
+
+
+def _chip(wanted: Wanted, path: str) -> gpiod.Chip:
+    try:
+        return gpiod.Chip(path)
     except FileNotFoundError:
-        raise wanted.fail("open", f"no {path}: gpiodetect lists the chips") from None
+        words = f"no {path}: gpiodetect lists the chips"
     except PermissionError:
-        raise wanted.fail(
-            "open", f"{path}: not allowed: run it as root, or in the group gpio"
-        ) from None
+        words = f"{path}: not allowed: run it as root, or in the group gpio"
     except OSError as error:
-        if error.errno in (errno.ENOENT, errno.EINVAL):
-            raise _NoSuchLineError(str(_no_line(wanted, path, line))) from None
-        raise wanted.fail("open", f"{path}: {error.strerror}: gpiodetect lists chips") from None
-    except ValueError:
-        raise _NoSuchLineError(str(_no_line(wanted, path, line))) from None
-
-
-def _no_line(wanted: Wanted, path: str, line: str | int) -> LightprobeError:
-    return wanted.fail("find", f"{path} has no line {line}: gpioinfo lists them")
+        words = f"{path}: {error.strerror}: gpiodetect lists the chips"
+    raise wanted.fail("open", words)
 
 
 def _request(wanted: Wanted, found: Found, settings: gpiod.LineSettings) -> gpiod.LineRequest:

@@ -203,28 +203,24 @@ def test_a_fault_of_a_moment_is_not_shown() -> None:
     assert core.shown(33).state is State.FAULT
 
 
-@given(st.sampled_from(list(State)), st.floats(0.05, 30))
+@given(st.sampled_from(list(State)), st.floats(0.05, 60))
 def test_the_led_says_what_letting_go_does(state: State, held_s: float) -> None:
     assume(all(abs(held_s - zone.from_s) > 0.05 for zone in ZONES))
     core = settled(state)
     core.edge(True, 20.0)
-    now_s, end_s, levels = 20.0, 20.0 + held_s, []
+    now_s, end_s = 20.0, 20.0 + held_s
     while now_s < end_s:  # as the loop does: wakes when something may change
-        lit, for_s = core.led(now_s)
+        _, for_s = core.led(now_s)
         assert for_s > 0
-        levels.append((now_s, lit))
         now_s += min(max(for_s, 1e-4), 0.5)
     zone = [zone for zone in ZONES if zone.from_s <= held_s][-1]
     if held_s < STUCK_S:
-        mine = {lit for at_s, lit in levels if at_s >= 20.0 + zone.from_s}
-        wanted = {zone.pattern.at(x * 0.01)[0] for x in range(round((held_s - zone.from_s) * 100))}
-        assert mine <= wanted | {zone.pattern.at(0)[0]}
-        core.led(end_s)
-        assert core.led(end_s)[0] == zone.pattern.at(held_s - zone.from_s)[0] or (
-            core.led(end_s)[1] < 0.11
-        )
+        in_zone_s = held_s - zone.from_s
+        about = {zone.pattern.at(max(in_zone_s + early_s, 0))[0] for early_s in (-1e-3, 1e-3)}
+        assert core.led(end_s)[0] in about
     else:
         assert core.shown(end_s).state in (State.FAULT, State.STOPPING, State.PAIRING)
+        assert zone.action is None
     action = core.edge(False, end_s)
     assert (action.name if action else None) == zone.action
 
