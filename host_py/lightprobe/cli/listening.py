@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import socket
 
 from lightprobe.errors import LightprobeError
@@ -23,4 +24,6 @@ def listen(who: str, network: bool, port: int) -> socket.socket:
             dualstack_ipv6=":" in where[0],
         )  # fmt: skip
     except OSError as error:
-        raise LightprobeError(f"{who}: port {port}: {error.strerror}: name another port") from None
+        # create_server() adds what the caller knows.
+        words = os.strerror(error.errno) if error.errno else str(error)
+        raise LightprobeError(f"{who}: port {port}: {words}: name another port") from None

@@ -89,10 +89,12 @@ def command(
         typer.Option(
             "--hand-out",
             callback=check.number(1, 3600, "seconds"),
-            help="For so many seconds, give the address to the first client that asks at port "
-            f"{pair_hand_out.PORT}; print none.",
+            help="For so many seconds, give the address to the first client that asks; print none.",
         ),
     ] = None,
+    hand_out_port: Annotated[
+        int, typer.Option(min=1, max=65535, help="Port at which clients ask.")
+    ] = pair_hand_out.PORT,
 ) -> None:
     """Make what wss: needs, and print the address for clients, also as a QR code.
 
@@ -115,10 +117,10 @@ def command(
     if hand_out_s is None:
         _print(pair, folder, port, as_json, made)
     else:
-        _hand_out(pair, folder, port, hand_out_s)
+        _hand_out(pair, folder, port, hand_out_s, hand_out_port)
 
 
-def _hand_out(pair: Pair, folder: Path, port: int, seconds: float) -> None:
+def _hand_out(pair: Pair, folder: Path, port: int, seconds: float, at_port: int) -> None:
     """Serve the address to one client; LightprobeError if nobody serves what it leads to."""
     config = settings.read(_CONFIG) if folder == _SERVICE_FOLDER else ""
     served = settings.values(config).get("publish", [])
@@ -127,9 +129,11 @@ def _hand_out(pair: Pair, folder: Path, port: int, seconds: float) -> None:
             f"pair: {_CONFIG}: no publish = wss:…, so the address would lead nowhere: run "
             "sudo lightprobe pair, and the command that it prints"
         )
-    where = f"https://{shown_host(pair.hosts)}:{pair_hand_out.PORT}"
+    where = f"https://{shown_host(pair.hosts)}:{at_port}"
     print(f"pair: the first client that asks at {where} gets the address", flush=True)
-    offer = pair_hand_out.Offer(pair.url(port), folder / CERTIFICATE, folder / KEY, seconds)
+    offer = pair_hand_out.Offer(
+        pair.url(port), folder / CERTIFICATE, folder / KEY, seconds, at_port
+    )
     given = pair_hand_out.hand_out(offer)
     print("pair: a client has it" if given else f"pair: nobody asked in {seconds:g} s", flush=True)
 

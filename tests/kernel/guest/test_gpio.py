@@ -26,7 +26,16 @@ class Chip:
         (device / "live").write_text("1")
         self.name = (device / "bank" / "chip_name").read_text().strip()
         platform = (device / "dev_name").read_text().strip()
+        self._device = device
         self._lines = Path("/sys/devices/platform") / platform / self.name
+
+    def remove(self) -> None:
+        """Take the chip away again."""
+        (self._device / "live").write_text("0")
+        for folder in sorted(self._device.rglob("*"), reverse=True):
+            if folder.is_dir():
+                folder.rmdir()
+        self._device.rmdir()
 
     def pull(self, line: int, direction: str) -> None:
         """Let the outside world pull a line `up` or `down`."""
