@@ -9,6 +9,8 @@ from lightprobe.panel.state import Judged
 
 #: How long a command that went wrong is shown as a fault.
 PROBLEM_S = 10.0
+#: How long the machine may take to end after the command to shut down has; then it has not.
+OFF_S = 120.0
 #: A fault that comes and goes is not shown: the LED would mean nothing.
 _SETTLED_S = 2.0
 _ORDER = list(STATES)
@@ -23,6 +25,7 @@ class Core:
         self.access_point = False
         self._running: dict[str, Action] = {}
         self._problem: tuple[str, float] | None = None  # and until when
+        self._off_s = now_s  # until then it shuts down
         self._judged = self._candidate = Judged(State.STARTING, "the panel starts")
         self._candidate_s = now_s
         self._player = Player(STATES[State.STARTING].pattern, now_s)
@@ -44,6 +47,8 @@ class Core:
         self._running.pop(done.action.name, None)
         if done.is_on is not None:
             self.access_point = done.is_on
+        if done.action.shown is State.STOPPING and not done.problem:
+            self._off_s = now_s + OFF_S
         if done.problem:
             self._problem = (done.problem, now_s + PROBLEM_S)
 
@@ -62,6 +67,8 @@ class Core:
         holding += [
             Judged(action.shown, action.title) for action in self._running.values() if action.shown
         ]
+        if now_s < self._off_s:
+            holding.append(Judged(State.STOPPING, "the system shuts down"))
         if self._problem and now_s < self._problem[1]:
             holding.append(Judged(State.FAULT, self._problem[0]))
         if self.button.stuck(now_s):

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from lightprobe.estimate import EstimateFlag, Fault, Health
 from lightprobe.panel.actions import ACTIONS, Action, Done
 from lightprobe.panel.button import STUCK_S, ZONES, Button
-from lightprobe.panel.core import PROBLEM_S, Core
+from lightprobe.panel.core import OFF_S, PROBLEM_S, Core
 from lightprobe.panel.patterns import LIT, STATES, Pattern, Player, State
 from lightprobe.panel.state import NO_ALARM, STARTING_S, Judged, Seen, judge
 
@@ -263,8 +263,11 @@ def test_the_access_point_is_shown_until_it_ends() -> None:
 def test_shutting_down_counts_before_all_else() -> None:
     core = settled(State.FAULT)
     press(core, 10, 0.2)
-    press(core, 12, 8)
+    action = press(core, 12, 8)
     assert core.shown(21).state is State.STOPPING
+    core.ended(Done(action, ""), 22)  # the command ends at once, the machine takes longer
+    assert core.shown(22).state is State.STOPPING
+    assert core.shown(22 + OFF_S).state is not State.STOPPING
 
 
 def test_a_stuck_button_is_a_fault_and_the_state_is_shown_again_when_it_is_let_go() -> None:
