@@ -19,8 +19,8 @@ IN_lightprobe := install-python
 IN_lightprobe-dev := install-dev
 PREFIX ?= /usr/local
 DESTDIR ?=
-INSTALLED := bin/lightprobed bin/lightprobe lib/lightprobe lib/systemd/system/lightprobed.service lib/systemd/system/lightprobe-setup.service lib/sysusers.d/lightprobe.conf \
-	lib/udev/rules.d/70-lightprobe.rules lib/udev/rules.d/71-lightprobe-mcu.rules \
+INSTALLED := bin/lightprobed bin/lightprobe lib/lightprobe lib/systemd/system/lightprobed.service lib/systemd/system/lightprobe-setup.service lib/systemd/system/lightprobe-panel.service \
+	lib/sysusers.d/lightprobe.conf lib/udev/rules.d/70-lightprobe.rules lib/udev/rules.d/71-lightprobe-mcu.rules \
 	lib/udev/rules.d/72-lightprobe-iio.rules share/lightprobe share/doc/lightprobe-dev
 CONFIG := $(DESTDIR)/etc/lightprobe/lightprobed.conf
 
@@ -93,7 +93,7 @@ install-dev: ## install what a client in another language needs: schema, golden 
 	@install -D -m 644 -t '$(DESTDIR)$(PREFIX)/share/doc/lightprobe-dev' docs/users/conventions.md docs/users/clients.md
 
 uninstall: ## remove what make install has copied; the configuration stays
-	@if [ -z '$(DESTDIR)' ] && [ -d /run/systemd/system ]; then systemctl disable --now lightprobed; fi
+	@if [ -z '$(DESTDIR)' ] && [ -d /run/systemd/system ]; then systemctl disable --now lightprobed lightprobe-setup lightprobe-panel; fi
 	@rm -rf $(INSTALLED:%='$(DESTDIR)$(PREFIX)'/%)
 	@$(if $(DESTDIR),,packaging/system-reload)
 	@echo 'uninstall: done; $(CONFIG) and drop-ins under /etc/systemd are kept'

@@ -52,6 +52,10 @@ FLAG_WORDS: dict[str, str] = {
 }
 
 
+#: Faults of the health with which everything that both sides know works.
+MINOR_FAULTS = frozenset({"mcu-minor-version", "camera-processing"})
+
+
 def flag_names(flags: IntFlag) -> list[str]:
     """Names of the bits that are set; a bit that this version does not know as BIT_n."""
     names = []

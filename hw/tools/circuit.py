@@ -17,6 +17,8 @@ KINDS = (
     "fuse",
     "ldr",
     "fork",
+    "led",
+    "button",
     "nmos",
     "pmos",
     "chip",

@@ -16,6 +16,7 @@ WIDTHS_PX = {
     "wheel": 700,
     "schematic": 2200,
     "schematic_hat": 1000,
+    "schematic_panel": 800,
 }
 
 

@@ -285,7 +285,32 @@ def hat(circuit: Circuit) -> Sheet:
     return sheet
 
 
-SHEETS = {"circuit": (box, "schematic"), "circuit_hat": (hat, "schematic_hat")}
+def panel(circuit: Circuit) -> Sheet:
+    """The sheet of circuit_panel.yml."""
+    sheet = Sheet(circuit, schemdraw.Drawing(show=False))
+    sheet.text((0, 1.2), "LED and button")
+    host = sheet.chip("HOST", [], ["GPIO27", "", "GPIO22", "GND"], (0, 0), 5.5, 1.5)
+    sheet.net("GND", host["GND"])
+    for row, (pin, ref, line, net) in enumerate(
+        (("GPIO27", "R1", "LED_DRIVE", "LED_A"), ("GPIO22", "R2", "BUTTON_LINE", "BUTTON"))
+    ):
+        start = sheet.wire(host[pin], (host[pin][0] + 3, host[pin][1]))
+        sheet.named(line, host[pin])
+        _, end = resistor(sheet, ref, start, "right")
+        far = sheet.wire(end, (end[0] + 1.8, end[1]))
+        sheet.named(net, end)
+        element = (e.Button if row else e.LED)().length(2).at(far).right()
+        ends = {"1": "start", "2": "end"} if row else {"A": "start", "K": "end"}
+        pins = sheet.part(("LED", "BUTTON")[row], element, ends, loc="top", ofst=(0, 0.35))
+        sheet.net("GND", pins["2" if row else "K"])
+    return sheet
+
+
+SHEETS = {
+    "circuit": (box, "schematic"),
+    "circuit_hat": (hat, "schematic_hat"),
+    "circuit_panel": (panel, "schematic_panel"),
+}
 
 
 def draw(name: str) -> Sheet:

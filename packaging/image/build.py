@@ -26,7 +26,7 @@ SUITE = "bookworm"
 #: What the Pi's firmware and its kernel come in, and a shell for the first program.
 KERNEL = "linux-image-arm64,raspi-firmware,firmware-brcm80211,busybox-static"
 FIRMWARE = ("start4.elf", "fixup4.dat")
-UNITS = ("lightprobed", "lightprobe-setup", "lightprobe-image", "lightprobe-network.timer",
+UNITS = ("lightprobed", "lightprobe-setup", "lightprobe-panel", "lightprobe-image", "lightprobe-network.timer",
          "NetworkManager", "avahi-daemon", "systemd-timesyncd")  # fmt: skip
 #: They look at file systems on logical volumes, in the background.
 UNUSED_UNITS = ("e2scrub_all.timer", "e2scrub_reap.service")

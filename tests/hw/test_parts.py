@@ -265,6 +265,23 @@ def test_a_raspberry_pi_fits_its_mount(x: float, y: float, dim: dict[str, float]
     assert inside(section(part("pi_mount"), 0.6), np.array([[x, y]])).all()
 
 
+def test_led_and_button_fit_the_mount_of_the_computer_beside_its_leg(
+    dim: dict[str, float],
+) -> None:
+    """An LED of 5 mm, a thread of 7 mm with a nut of 11 mm; neither meets board, leg or column."""
+    nut_mm, board_end_mm, column_mm = 11, 58 / 2 + 3.5, 15
+    x = -dim["pi_holes_long"] / 2 - dim["pi_ear"] / 2 - 6
+    assert x + nut_mm / 2 < -board_end_mm
+    assert dim["pi_ear_hole"] - nut_mm / 2 > column_mm
+    for y, d_mm, room_mm in ((dim["pi_ear_hole"], 5, 0.15), (-dim["pi_ear_hole"], 7, 0.4)):
+        for z in (0.5, dim["pi_plate"] - 0.5):
+            assert d_mm / 2 < free_radius("pi_mount", z, (x, y)) < (d_mm + room_mm) / 2
+        around = [
+            [x + nut_mm / 2 * np.cos(a), y + nut_mm / 2 * np.sin(a)] for a in np.arange(0, 6, 0.5)
+        ]
+        assert inside(section(part("pi_mount"), dim["pi_plate"] - 0.5), np.array(around)).all()
+
+
 def test_straps_and_a_tripods_leg_fit_the_mount_of_the_computer(dim: dict[str, float]) -> None:
     for z in (0.5, dim["pi_plate"] - 0.5):
         for x in (-1, 1):

@@ -23,7 +23,7 @@ from lightprobe.address import Address
 from lightprobe.cli import check, view
 from lightprobe.client import DEFAULT_URI, Client
 from lightprobe.errors import LightprobeError, ProbeError, ProbeTimeout
-from lightprobe.estimate import FLAG_WORDS, Estimate, EstimateFlag, flag_names
+from lightprobe.estimate import FLAG_WORDS, MINOR_FAULTS, Estimate, EstimateFlag, flag_names
 from lightprobe.installation import install_extras
 from lightprobe.wire import Subscription
 
@@ -334,10 +334,6 @@ def _flags(estimate: Estimate) -> Iterator[Finding]:
             yield Finding(f"flag {name}", Verdict.WARN, words, _NEXT_STEPS.get(name, ""))
 
 
-#: Faults with which everything that both sides know works.
-_WARNINGS = {"mcu-minor-version", "camera-processing"}
-
-
 def _health(client: Client, wait_s: float) -> Iterator[Finding]:
     """Counters and faults that the daemon tells."""
     if not client.wait_for(lambda c: c.health is not None, wait_s):
@@ -377,5 +373,5 @@ def _health(client: Client, wait_s: float) -> Iterator[Finding]:
             "so can stuck_pixels in the camera file, which lightprobe check-camera SOURCE writes",
         )  # fmt: skip
     for fault in health.faults:
-        verdict = Verdict.WARN if fault.id in _WARNINGS else Verdict.FAIL
+        verdict = Verdict.WARN if fault.id in MINOR_FAULTS else Verdict.FAIL
         yield Finding(f"fault {fault.id}", verdict, fault.text)

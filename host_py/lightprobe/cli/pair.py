@@ -22,7 +22,9 @@ from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
 from lightprobe import daemon, installation
+from lightprobe.cli import check, pair_hand_out
 from lightprobe.errors import LightprobeError
+from lightprobe.setup import settings
 
 KEY, CERTIFICATE, _TOKEN = "key.pem", "certificate.pem", "token"
 _PORT = 7702
@@ -82,6 +84,17 @@ def command(
         typer.Option("--new", help="Make everything anew: clients with the old address are out."),
     ] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print address and paths.")] = False,
+    hand_out_s: Annotated[
+        float | None,
+        typer.Option(
+            "--hand-out",
+            callback=check.number(1, 3600, "seconds"),
+            help="For so many seconds, give the address to the first client that asks; print none.",
+        ),
+    ] = None,
+    hand_out_port: Annotated[
+        int, typer.Option(min=1, max=65535, help="Port at which clients ask.")
+    ] = pair_hand_out.PORT,
 ) -> None:
     """Make what wss: needs, and print the address for clients, also as a QR code.
 
@@ -101,7 +114,28 @@ def command(
         raise LightprobeError(
             f"pair: {folder}: is for {', '.join(pair.hosts)}: for other names run it with --new"
         )
-    _print(pair, folder, port, as_json, made)
+    if hand_out_s is None:
+        _print(pair, folder, port, as_json, made)
+    else:
+        _hand_out(pair, folder, port, hand_out_s, hand_out_port)
+
+
+def _hand_out(pair: Pair, folder: Path, port: int, seconds: float, at_port: int) -> None:
+    """Serve the address to one client; LightprobeError if nobody serves what it leads to."""
+    config = settings.read(_CONFIG) if folder == _SERVICE_FOLDER else ""
+    served = settings.values(config).get("publish", [])
+    if folder == _SERVICE_FOLDER and not any(uri.startswith("wss:") for uri in served):
+        raise LightprobeError(
+            f"pair: {_CONFIG}: no publish = wss:…, so the address would lead nowhere: run "
+            "sudo lightprobe pair, and the command that it prints"
+        )
+    where = f"https://{shown_host(pair.hosts)}:{at_port}"
+    print(f"pair: the first client that asks at {where} gets the address", flush=True)
+    offer = pair_hand_out.Offer(
+        pair.url(port), folder / CERTIFICATE, folder / KEY, seconds, at_port
+    )
+    given = pair_hand_out.hand_out(offer)
+    print("pair: a client has it" if given else f"pair: nobody asked in {seconds:g} s", flush=True)
 
 
 def ensure(folder: Path, hosts: list[str] | None = None, *, new: bool = False) -> tuple[Pair, bool]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import secrets
-import socket
 import ssl
 import sys
 import tempfile
@@ -17,6 +16,7 @@ from aiohttp import web
 
 from lightprobe import installation
 from lightprobe.cli import pair
+from lightprobe.cli.listening import listen
 from lightprobe.errors import LightprobeError
 from lightprobe.setup import service
 from lightprobe.setup.web import LEAST_TOKEN, Setup
@@ -73,7 +73,7 @@ def command(
         ) from None
     with tempfile.TemporaryDirectory(prefix="lightprobe-setup-") as scratch:
         probe = _service(config, Path(scratch))
-        listening = _listen(network, port)
+        listening = listen("setup", network, port)
         setup = Setup(token, config, probe, page, folder)
         host = pair.shown_host(hosts) if network else "127.0.0.1"
         site = f"{'https' if tls else 'http'}://{f'[{host}]' if ':' in host else host}"
@@ -127,20 +127,3 @@ def _owner(folder: Path, network: bool, new: bool) -> tuple[str, list[str], ssl.
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         pair.write_secret(file, secrets.token_urlsafe(24).encode() + b"\n")
     return file.read_text().strip(), hosts, tls
-
-
-def _listen(network: bool, port: int) -> socket.socket:
-    where = (
-        ("::", port)
-        if network and socket.has_dualstack_ipv6()
-        else ("0.0.0.0" if network else "127.0.0.1", port)
-    )
-    try:
-        return socket.create_server(
-            where, family=socket.AF_INET6 if ":" in where[0] else socket.AF_INET,
-            dualstack_ipv6=":" in where[0],
-        )  # fmt: skip
-    except OSError as error:
-        raise LightprobeError(
-            f"setup: port {port}: {error.strerror}: name another --port"
-        ) from None

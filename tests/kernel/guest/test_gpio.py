@@ -13,20 +13,29 @@ CONFIGFS = Path("/sys/kernel/config")
 class Chip:
     """A simulated chip of eight lines."""
 
-    def __init__(self) -> None:
+    def __init__(self, name: str = "probe", lines: dict[int, str] | None = None) -> None:
         modprobe("irq_sim")
         modprobe("gpio-sim")
         if not (CONFIGFS / "gpio-sim").exists():
             run("mount", "-t", "configfs", "configfs", str(CONFIGFS))
-        device = CONFIGFS / "gpio-sim" / "probe"
-        for line, name in ((3, "INDEX"), (5, "LED")):
+        device = CONFIGFS / "gpio-sim" / name
+        for line, label in (lines or {3: "INDEX", 5: "LED"}).items():
             (device / "bank" / f"line{line}").mkdir(parents=True)
-            (device / "bank" / f"line{line}" / "name").write_text(name)
+            (device / "bank" / f"line{line}" / "name").write_text(label)
         (device / "bank" / "num_lines").write_text("8")
         (device / "live").write_text("1")
         self.name = (device / "bank" / "chip_name").read_text().strip()
         platform = (device / "dev_name").read_text().strip()
+        self._device = device
         self._lines = Path("/sys/devices/platform") / platform / self.name
+
+    def remove(self) -> None:
+        """Take the chip away again."""
+        (self._device / "live").write_text("0")
+        for folder in sorted(self._device.rglob("*"), reverse=True):
+            if folder.is_dir():
+                folder.rmdir()
+        self._device.rmdir()
 
     def pull(self, line: int, direction: str) -> None:
         """Let the outside world pull a line `up` or `down`."""

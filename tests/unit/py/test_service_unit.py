@@ -68,6 +68,21 @@ def test_systemd_finds_no_mistake(root, drop_in):
     assert "lightprobe" not in analyze(root, "verify")
 
 
+@pytest.mark.parametrize("name", ["lightprobe-setup", "lightprobe-panel"])
+def test_systemd_finds_no_mistake_in_the_other_services(root, name):
+    """Their program comes with another package."""
+    unit = units(root) / f"{name}.service"
+    text = unit.read_text()
+    assert "ExecStart=/usr/local/bin/lightprobe " in text
+    assert "ConditionPathExists=/usr/local/bin/lightprobe\n" in text
+    unit.write_text(text.replace("ExecStart=/usr/local/bin/lightprobe", "ExecStart=/bin/true"))
+    done = subprocess.run(
+        ["systemd-analyze", "--no-pager", "verify", unit], text=True, check=False,
+        stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
+    )  # fmt: skip
+    assert (done.returncode, name in done.stdout) == (0, False), done.stdout
+
+
 def test_verify_does_find_mistakes(root):
     """The test above can fail."""
     unit = units(root) / "lightprobed.service"

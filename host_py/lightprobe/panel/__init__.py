@@ -1,0 +1,1 @@
+"""A probe without a screen: one LED that says how it is, and one button (docs/users/panel.md)."""
