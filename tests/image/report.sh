@@ -2,6 +2,7 @@
 # What the tests want to know of the machine, each few seconds, on its console. It is laid into a copy of the image.
 # Two simulated radios: one opens the probe's own Wi-Fi, the other joins it, as a headset does.
 modprobe mac80211_hwsim radios=2
+umask 077 # NetworkManager reads no file that others may read
 joined=
 address=
 while sleep 10; do
@@ -9,12 +10,11 @@ while sleep 10; do
 		point=$(iw dev | awk '/Interface/ { name = $2 } /type AP/ { print name }')
 		other=$(iw dev | awk -v point="$point" '/Interface/ && $2 != point { print $2; exit }')
 		headset=/run/NetworkManager/system-connections/headset.nmconnection
-		(
-			umask 077
+		{
 			printf '[connection]\nid=headset\ntype=wifi\ninterface-name=%s\nautoconnect=false\n' "$other"
 			printf '[wifi]\nssid=%s\n[wifi-security]\nkey-mgmt=wpa-psk\npsk=%s\n' "$(cat /etc/lightprobe/name)" \
 				"$(cat /etc/lightprobe/access-point-password)"
-		) >$headset
+		} >$headset
 		nmcli connection load $headset
 		joined=$(nmcli --wait 90 connection up headset 2>&1 | tail -n 1)
 		address=$(ip -4 -o address show "$other" | awk '{ print $4 }')
