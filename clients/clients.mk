@@ -12,11 +12,12 @@ $(JS)/installed: clients/js/package.json clients/js/package-lock.json clients/js
 	@cd $(JS) && npm ci --silent
 	@touch $@
 
-$(JS)/built: $(JS)/installed $(JS_SOURCES) proto/lightprobe.proto proto/ranges.toml proto/ranges.py proto/ranges_code.py
+$(JS)/built: $(JS)/installed $(JS_SOURCES) proto/lightprobe.proto proto/ranges.toml proto/ranges.py proto/ranges_code.py proto/flags_code.py host_py/lightprobe/estimate.py
 	@rm -rf $(JS)/src $(JS)/test $(JS)/web $(JS)/proto $(JS)/dist
 	@cp -r clients/js/src clients/js/test clients/js/tsconfig.json clients/js/tsconfig.engines.json $(JS)
 	@mkdir -p $(JS)/src/gen $(JS)/proto && cp -r web $(JS)/web && cp proto/lightprobe.proto $(JS)/proto
 	@$(PYTHON) proto/ranges_code.py --typescript $(JS)/src/gen/ranges.ts
+	@$(PYTHON) proto/flags_code.py --typescript $(JS)/src/gen/flag_words.ts
 	@cd $(JS) && npm run --silent generate && npm run --silent build && npm run --silent bundle
 	@touch $@
 js: $(JS)/built ## build the JavaScript package in build/js
