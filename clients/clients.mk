@@ -26,6 +26,7 @@ $(BUILD)/web/index.html: $(JS)/built
 	@mkdir -p $(@D) && cp web/*.html web/*.css $(JS)/dist/lightprobe-webxr.js $(@D)
 	@cd $(JS) && node_modules/.bin/esbuild web/main.ts --bundle --format=esm --minify --legal-comments=linked \
 		--target=es2022 --outfile=../web/main.js --log-level=warning
+	@cd $(JS) && for package in three js-aruco2 fzstd; do printf '\n%s\n\n' "$$package"; cat node_modules/$$package/LICENSE*; done >> ../web/main.js.LEGAL.txt
 	@cd $(JS) && node_modules/.bin/esbuild web/setup.ts --bundle --format=esm --minify --target=es2022 \
 		--outfile=../web/setup.js --log-level=warning
 	@touch $@
@@ -43,7 +44,7 @@ soak-page: build $(call apt,web) $(BUILD)/scenes/blender.stamp ## show the live 
 	@cd $(JS) && node dist/test/soak.js
 
 .PHONY: web-pictures
-web-pictures: build $(call apt,web) $(BUILD)/scenes/blender.stamp ## take pictures of the viewer in Chromium, on a desktop and on a phone: docs/users/web_*.jpg, or in PICTURES=folder
+web-pictures: build $(call apt,web) $(BUILD)/scenes/blender.stamp ## take pictures of the viewer in Chromium, in a CC0 panorama, on a desktop and on a phone: docs/users/web_*.jpg, or in PICTURES=folder
 	@cd $(JS) && node dist/test/pictures.js
 
 # Engines from npm: Babylon.js, A-Frame and <model-viewer>, to read lightprobe-webxr.js; these, react-three-fiber and PlayCanvas for the components.

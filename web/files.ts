@@ -16,12 +16,12 @@ const hasFiles = (event: DragEvent): boolean => event.dataTransfer?.types.includ
 
 /** Calls `open` with every file that is chosen, or dropped anywhere on the page. */
 export function wireFiles(open: (file: File) => void): void {
-  for (const id of ["object", "recording"])
-    element(id).addEventListener("change", (event) => {
-      const input = event.target as HTMLInputElement, file = input.files?.[0];
-      if (file) open(file);
-      input.value = ""; // the same file may be chosen again
-    });
+  const input = element("object") as HTMLInputElement;
+  input.addEventListener("change", () => {
+    const file = input.files?.[0];
+    if (file) open(file);
+    input.value = ""; // the same file may be chosen again
+  });
   let depth = 0; // enter and leave come for every element on the way
   const show = (by: number): void => {
     depth = by === 0 ? 0 : Math.max(0, depth + by);

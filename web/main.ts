@@ -209,7 +209,7 @@ function play(name: string, bytes: Uint8Array): void {
   const socket = replayed(readRecording(bytes));
   probe.close();
   [recording, hadMaps] = [name, false];
-  probe = new Probe(`ws://${location.host || "localhost"}/`, { WebSocket: socket });
+  probe = new Probe("ws://recording/", { WebSocket: socket });
   follow();
   element<HTMLFieldSetElement>("wishes").disabled = true;
 }

@@ -28,10 +28,12 @@ const HEAD: Outline = [
   [0.108, 0.3], [0.1, 0.332], [0.083, 0.358], [0.058, 0.376], [0.028, 0.385], [0, 0.387],
 ];
 
+const HEAD_ROWS = 120;
+
 /** Turned on a lathe; between the points of the outline the curve is smooth. */
-function turned(outline: Outline, around = 96): LatheGeometry {
+function turned(outline: Outline, around = 64): LatheGeometry {
   const curve = new CatmullRomCurve3(outline.map(([x, y]) => new Vector3(x, y, 0)), false, "centripetal");
-  const points = curve.getPoints(4 * outline.length).map(({ x, y }) => new Vector2(Math.max(0, x), y));
+  const points = curve.getPoints(3 * outline.length).map(({ x, y }) => new Vector2(Math.max(0, x), y));
   return new LatheGeometry(points, around);
 }
 
@@ -48,7 +50,7 @@ function face(x: number, y: number): number {
 
 function head(): BufferGeometry {
   const curve = new CatmullRomCurve3(HEAD.map(([x, y]) => new Vector3(x, y, 0)), false, "centripetal");
-  const geometry = new LatheGeometry(curve.getPoints(180).map(({ x, y }) => new Vector2(Math.max(0, x), y)), 160), position = geometry.getAttribute("position");
+  const geometry = new LatheGeometry(curve.getPoints(HEAD_ROWS - 1).map(({ x, y }) => new Vector2(Math.max(0, x), y)), 80), position = geometry.getAttribute("position");
   for (let i = 0; i < position.count; i++) {
     const [x, y, z] = [position.getX(i), position.getY(i), position.getZ(i)], above = Math.min(1, Math.max(0, (y - 0.11) / 0.06));
     const narrow = 1 - 0.22 * above, back = z < 0 ? 0.02 * above * bump(0, y, 0, 0.28, 1, 0.08) : 0;
@@ -56,7 +58,7 @@ function head(): BufferGeometry {
     position.setXYZ(i, x * narrow, y, z * (1 - 0.08 * above) - back + front * above * (0.008 + face(x * narrow, y)));
   }
   geometry.computeVertexNormals();
-  closeSeam(geometry, curve.getPoints(180).length);
+  closeSeam(geometry, HEAD_ROWS);
   return geometry;
 }
 
@@ -71,7 +73,7 @@ function closeSeam(geometry: BufferGeometry, rows: number): void {
 
 /** Along points in the plane of the teapot's handle. */
 function tube(points: [x: number, y: number][], radiusM: number): TubeGeometry {
-  return new TubeGeometry(new CatmullRomCurve3(points.map(([x, y]) => new Vector3(x, y, 0))), 48, radiusM, 20);
+  return new TubeGeometry(new CatmullRomCurve3(points.map(([x, y]) => new Vector3(x, y, 0))), 24, radiusM, 14);
 }
 
 function piece(name: Piece, geometry: BufferGeometry, [x, y, z]: [number, number, number]): Mesh<BufferGeometry, Material> {
@@ -94,10 +96,10 @@ function teapot(x: number, z: number): Group {
 
 /** Its meshes are named after what they are made of. */
 export function stillLife(): Group {
-  const group = new Group(), knot = piece("plastic", new TorusKnotGeometry(0.075, 0.027, 160, 24), [0.17, 0.105, 0.26]), bust = piece("skin", head(), [0.02, 0, -0.17]);
+  const group = new Group(), knot = piece("plastic", new TorusKnotGeometry(0.075, 0.027, 128, 16), [0.17, 0.105, 0.26]), bust = piece("skin", head(), [0.02, 0, -0.17]);
   knot.rotation.set(-1.25, 0, 0.4);
   bust.rotation.y = 0.25;
   group.add(piece("chalk", turned(VASE), [-0.34, 0, -0.14]), bust, teapot(0.41, -0.06), piece("goblet", turned(GOBLET), [-0.14, 0, 0.16]), knot,
-    piece("chrome", new SphereGeometry(0.075, 64, 48), [-0.38, 0.075, 0.2]));
+    piece("chrome", new SphereGeometry(0.075, 48, 32), [-0.38, 0.075, 0.2]));
   return group;
 }
