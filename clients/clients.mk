@@ -12,11 +12,12 @@ $(JS)/installed: clients/js/package.json clients/js/package-lock.json clients/js
 	@cd $(JS) && npm ci --silent
 	@touch $@
 
-$(JS)/built: $(JS)/installed $(JS_SOURCES) proto/lightprobe.proto proto/ranges.toml proto/ranges.py proto/ranges_code.py
+$(JS)/built: $(JS)/installed $(JS_SOURCES) proto/lightprobe.proto proto/ranges.toml proto/ranges.py proto/ranges_code.py proto/flags_code.py host_py/lightprobe/estimate.py
 	@rm -rf $(JS)/src $(JS)/test $(JS)/web $(JS)/proto $(JS)/dist
 	@cp -r clients/js/src clients/js/test clients/js/tsconfig.json clients/js/tsconfig.engines.json $(JS)
 	@mkdir -p $(JS)/src/gen $(JS)/proto && cp -r web $(JS)/web && cp proto/lightprobe.proto $(JS)/proto
 	@$(PYTHON) proto/ranges_code.py --typescript $(JS)/src/gen/ranges.ts
+	@$(PYTHON) proto/flags_code.py --typescript $(JS)/src/gen/flag_words.ts
 	@cd $(JS) && npm run --silent generate && npm run --silent build && npm run --silent bundle
 	@touch $@
 js: $(JS)/built ## build the JavaScript package in build/js
@@ -25,6 +26,7 @@ $(BUILD)/web/index.html: $(JS)/built
 	@mkdir -p $(@D) && cp web/*.html web/*.css $(JS)/dist/lightprobe-webxr.js $(@D)
 	@cd $(JS) && node_modules/.bin/esbuild web/main.ts --bundle --format=esm --minify --legal-comments=linked \
 		--target=es2022 --outfile=../web/main.js --log-level=warning
+	@cd $(JS) && for package in three js-aruco2 fzstd; do printf '\n%s\n\n' "$$package"; cat node_modules/$$package/LICENSE*; done >> ../web/main.js.LEGAL.txt
 	@cd $(JS) && node_modules/.bin/esbuild web/setup.ts --bundle --format=esm --minify --target=es2022 \
 		--outfile=../web/setup.js --log-level=warning
 	@cd $(JS) && node_modules/.bin/esbuild web/study.ts --bundle --format=iife --minify --target=es2022 \
@@ -44,7 +46,7 @@ soak-page: build $(call apt,web) $(BUILD)/scenes/blender.stamp ## show the live 
 	@cd $(JS) && node dist/test/soak.js
 
 .PHONY: web-pictures
-web-pictures: build $(call apt,web) $(BUILD)/scenes/blender.stamp ## take pictures of the viewer in Chromium, on a desktop and on a phone: docs/users/web_*.jpg, or in PICTURES=folder
+web-pictures: build $(call apt,web) $(BUILD)/scenes/blender.stamp ## take pictures of the viewer in Chromium, in a CC0 panorama, on a desktop and on a phone: docs/users/web_*.jpg, or in PICTURES=folder
 	@cd $(JS) && node dist/test/pictures.js
 
 # Engines from npm: Babylon.js, A-Frame and <model-viewer>, to read lightprobe-webxr.js; these, react-three-fiber and PlayCanvas for the components.

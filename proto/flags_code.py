@@ -3,6 +3,7 @@
 
 flags_code.py --header OUT    C, for the daemon (include/light_estimate.h)
 flags_code.py --python OUT    host_py/lightprobe/flags.py, which is committed
+flags_code.py --typescript OUT    the flags in words, for the viewer (host_py/lightprobe/estimate.py has them)
 
 (JavaScript and C# have them from the schema's own generators.)
 """
@@ -10,6 +11,8 @@ flags_code.py --python OUT    host_py/lightprobe/flags.py, which is committed
 from __future__ import annotations
 
 import argparse
+import ast
+import json
 import re
 from dataclasses import dataclass
 from pathlib import Path
@@ -75,16 +78,32 @@ def python() -> str:
     return "\n".join(lines)
 
 
+def typescript() -> str:
+    """Give the words that host_py/lightprobe/estimate.py has for flags as a module."""
+    text = (HERE.parent / "host_py/lightprobe/estimate.py").read_text()
+    for node in ast.parse(text).body:
+        if isinstance(node, ast.AnnAssign) and ast.unparse(node.target) == "FLAG_WORDS":
+            words = json.dumps(ast.literal_eval(node.value or ast.Dict()), indent=2, ensure_ascii=False)
+            return (
+                "// Generated from host_py/lightprobe/estimate.py by proto/flags_code.py.\n"
+                f"export const FLAG_WORDS: Record<string, string> = {words};\n"
+            )
+    raise ValueError("host_py/lightprobe/estimate.py: FLAG_WORDS: not found")
+
+
 def main() -> None:
     """Write what was asked for."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--header", type=Path)
     parser.add_argument("--python", type=Path)
+    parser.add_argument("--typescript", type=Path)
     options = parser.parse_args()
     if options.header:
         options.header.write_text(header())
     if options.python:
         options.python.write_text(python())
+    if options.typescript:
+        options.typescript.write_text(typescript())
 
 
 if __name__ == "__main__":

@@ -3,14 +3,22 @@
  * The viewer: objects in the light of the probe that serves this page, and beside them in the true light when a simulator
  * gives it. In the address: ?probe=ws://… another probe, ?truth=ws://… the truth, ?fov=DEGREES the field of the device's camera.
  */
+import { isTruthShown, comparedAt, wireComparison } from "./compare.js";
+import { kindOf, wireFiles } from "./files.js";
 import { Probe, fallbackEstimate, irradiance, luminance } from "../src/index.js";
 import type { Estimate, ProbeOptions, ReflectionMapWish, Vec3 } from "../src/index.js";
 import { dismiss, say } from "./messages.js";
 import { show } from "./panel.js";
 import { Mirrored, isPlaced, lightThere } from "./places.js";
+import { mainLightAndAmbient } from "./plain_light.js";
 import { Plan } from "./plan.js";
+import { readRecording } from "./recording.js";
+import { replayed } from "./replay.js";
+import type { Behind, What } from "./scene.js";
+import { wireShading } from "./shading_panel.js";
+import { wirePointers } from "./pointers.js";
 import { offer } from "./switches.js";
-import { MOST_LAMPS, View, type Seen } from "./view.js";
+import { MOST_LAMPS, View, type Other, type Seen } from "./view.js";
 import { isXrOffered } from "./xr.js";
 
 const element = <T extends HTMLElement>(id: string): T => document.getElementById(id) as T;
@@ -26,7 +34,7 @@ const FIELD_DEG = 65;
 const address = new URL(location.href);
 /** The highest: moved to where the object stands, ambient light of order 2 keeps a third of its error, of order 4 a tenth. */
 const ORDER = 4;
-const probe = open(address.searchParams.get("probe") ?? location.href, { shOrder: ORDER, maxLights: MOST_LAMPS });
+let probe = open(address.searchParams.get("probe") ?? location.href, { shOrder: ORDER, maxLights: MOST_LAMPS });
 const truthAddress = address.searchParams.get("truth");
 const truth = truthAddress ? open(truthAddress, { shOrder: ORDER, maxLights: 8, healthPeriodMs: 0 }) : undefined;
 
@@ -41,7 +49,8 @@ function open(where: string, options: ProbeOptions): Probe {
 }
 
 let last: Estimate | undefined, fallback: Estimate | undefined;
-probe.on("estimate", (estimate) => { [last, fallback] = [estimate, undefined]; });
+/** Name of the recording that is played. */
+let recording: string | undefined;
 
 const plan = new Plan(), mirrored = new Mirrored();
 
@@ -62,12 +71,18 @@ function switched(estimate: Estimate): Estimate {
 
 const usesMap = (): boolean => view !== undefined && checked("use-map") && Boolean(probe.hello?.maxReflectionMapSize);
 
+/** The light to compare with, where one is chosen; `shown`: what the switches leave of the probe's. */
+function compared(shown: Estimate): Other | undefined {
+  const splitAt = comparedAt(), exact = isTruthShown() && truth ? there(truth) : undefined;
+  if (splitAt !== undefined) return { estimate: mainLightAndAmbient(shown), splitAt };
+  return exact && { estimate: switched(exact), splitAt: undefined };
+}
+
 function seen(): Seen {
-  const known = there(probe), exact = checked("use-truth") && truth ? there(truth) : undefined;
-  const estimate = known ?? (fallback ??= fallbackEstimate(last)), whole = checked("use-ambient") && checked("use-lamps");
+  const known = there(probe), estimate = known ?? (fallback ??= fallbackEstimate(last)), shown = switched(estimate), whole = checked("use-ambient") && checked("use-lamps");
   const here = probe.latest(), map = here && whole && usesMap() ? probe.reflectionMap : undefined;
   return {
-    estimate, isOfProbe: known !== undefined, shown: switched(estimate), truth: exact && switched(exact),
+    estimate, isOfProbe: known !== undefined, shown, other: compared(shown),
     map: here && map && mirrored.at(map, here, plan.positionM), mapOfProbe: map, turns: checked("turn"), mirrorsGround: checked("use-ground"),
   };
 }
@@ -101,10 +116,10 @@ function errorAgainst(estimate: Estimate | undefined, exact: Estimate | undefine
 
 function showFigures(): void {
   const estimate = probe.latest(), exact = truth?.latest();
-  show(probe, estimate, there(probe), exact, errorAgainst(estimate, exact), last !== undefined);
+  show(probe, { estimate, there: there(probe), truth: exact, errorOfTruth: errorAgainst(estimate, exact), had: last !== undefined, recording });
   plan.show(estimate);
-  const isElsewhere = isPlaced(estimate) && !isPlaced(exact) && plan.positionM.some((value) => value !== 0);
-  element("right").textContent = isElsewhere ? "lit by the truth at the probe" : "lit by the truth";
+  const isElsewhere = isPlaced(estimate) && !isPlaced(exact) && plan.positionM.some((value) => value !== 0), of = isElsewhere ? "the truth at the probe" : "the truth";
+  element("right").textContent = comparedAt() === undefined ? `lit by ${of}` : "one main light and ambient";
   offer("use-ground", Boolean(view?.isOnMarker), "Needs a marker in the camera picture: choose it under Behind");
 }
 
@@ -129,7 +144,20 @@ async function showBehind(picture: View): Promise<void> {
     return;
   }
   picture.hideCamera();
+  picture.stage.behind = chosen("behind") as Behind;
   dismiss();
+}
+
+/** Shows what is in a file: an object, or a recording in place of the probe. */
+async function openFile(file: File): Promise<void> {
+  const show = async (): Promise<void> => {
+    if (kindOf(file.name) === "recording") return play(file.name, new Uint8Array(await file.arrayBuffer()));
+    if (!view) throw new Error("this browser has no WebGL 2, which the picture needs");
+    await view.stage.load(file);
+    element<HTMLOptionElement>("scene-loaded").hidden = false;
+    element<HTMLSelectElement>("scene").value = "loaded";
+  };
+  await attempt(show, file.name, /\.mcap$/i.test(file.name) ? "the probe's light stays" : "choose a .glb file that holds all it needs");
 }
 
 function wirePicture(picture: View): void {
@@ -139,13 +167,12 @@ function wirePicture(picture: View): void {
     void attempt(() => picture.enterRoom(), "AR", "allow this page to use the device's sensors, and open it by https: or on this machine");
   });
   void isXrOffered().then((is) => { element("enter-room").hidden = !is; });
-  element<HTMLInputElement>("object").addEventListener("change", (event) => {
-    const file = (event.target as HTMLInputElement).files?.[0];
-    if (file) void attempt(() => picture.stage.load(file), file.name, "choose a .glb file that holds all it needs");
-  });
+  element("scene").addEventListener("change", () => picture.stage.show(chosen("scene") as What));
   element("use-formulas").addEventListener("change", () => picture.stage.useFormulas(checked("use-formulas")));
+  wireShading((term, settings) => picture.stage.setTerm(term, settings));
   const canvas = element<HTMLCanvasElement>("view");
   canvas.addEventListener("keydown", (event) => {
+    if (event.key === "+" || event.key === "-") picture.stage.nearer(event.key === "+" ? 1 : -1);
     const step: Record<string, [number, number]> = { ArrowLeft: [-0.1, 0], ArrowRight: [0.1, 0], ArrowUp: [0, 0.05], ArrowDown: [0, -0.05] };
     const move = step[event.key];
     if (!move) return;
@@ -153,11 +180,7 @@ function wirePicture(picture: View): void {
     picture.stage.azimuth += move[0];
     picture.stage.elevation += move[1];
   });
-  canvas.addEventListener("pointermove", (event) => {
-    if (!event.buttons) return;
-    picture.stage.azimuth -= event.movementX / 200;
-    picture.stage.elevation += event.movementY / 300;
-  });
+  wirePointers(canvas, picture.stage);
 }
 
 function subscribe(): void {
@@ -167,23 +190,41 @@ function subscribe(): void {
   });
 }
 
-function wireWishes(): void {
-  for (const id of ["order", "lights", "tolerance", "use-key", "use-map"]) element(id).addEventListener("change", subscribe);
-  let had = false;
+let hadMaps = false;
+
+/** The page follows this probe from now on. */
+function follow(): void {
+  [last, fallback] = [undefined, undefined];
+  probe.on("estimate", (estimate) => { [last, fallback] = [estimate, undefined]; });
   probe.on("hello", ({ maxReflectionMapSize }) => {
     const has = view !== undefined && maxReflectionMapSize > 0;
     offer("use-map", has, "This probe sends none: its owner can start lightprobed with --reflection-map=32");
-    if (has !== had) subscribe();
-    had = has;
+    if (has !== hadMaps) subscribe();
+    hadMaps = has;
   });
 }
 
-const KEYS: Record<string, string> = { l: "use-lamps", a: "use-ambient", t: "use-truth", r: "turn", f: "use-formulas", g: "use-ground", k: "use-key", m: "use-map" };
+/** Plays a recording in place of the probe; throws what keeps it from it. What was asked for when it was recorded is what there is. */
+function play(name: string, bytes: Uint8Array): void {
+  const socket = replayed(readRecording(bytes));
+  probe.close();
+  [recording, hadMaps] = [name, false];
+  probe = new Probe("ws://recording/", { WebSocket: socket });
+  follow();
+  element<HTMLFieldSetElement>("wishes").disabled = true;
+}
+
+function wireWishes(): void {
+  for (const id of ["order", "lights", "tolerance", "use-key", "use-map"]) element(id).addEventListener("change", subscribe);
+  follow();
+}
+
+const KEYS: Record<string, string> = { l: "use-lamps", a: "use-ambient", t: "use-truth", r: "turn", f: "use-formulas", g: "use-ground", k: "use-key", m: "use-map", b: "use-main" };
 
 function wireKeys(): void {
   addEventListener("keydown", (event) => {
     if (event.key === "Escape") return dismiss();
-    if (event.ctrlKey || event.metaKey || event.altKey || (event.target as HTMLElement).matches("select, pre")) return;
+    if (event.ctrlKey || event.metaKey || event.altKey || (event.target as HTMLElement).matches("select, pre, input[type=number]")) return;
     const box = KEYS[event.key.toLowerCase()];
     if (box) element<HTMLInputElement>(box).click();
   });
@@ -194,6 +235,8 @@ offer("use-truth", truth !== undefined, "Only a simulator knows it: ?truth=ws://
 element("dismiss").addEventListener("click", dismiss);
 const view = makeView();
 if (view) wirePicture(view);
+wireComparison();
+wireFiles((file) => void openFile(file));
 wireWishes();
 wireKeys();
 setInterval(showFigures, PANEL_PERIOD_MS);

@@ -2,6 +2,7 @@
 /** What stands beside the picture: a map of all directions, lamps, figures, spherical harmonics, faults. */
 import { LightFlag, besideSh, flagNames, luminance, meanIrradiance, sh } from "../src/index.js";
 import type { Estimate, Light, Probe, Vec3 } from "../src/index.js";
+import { FLAG_WORDS } from "../src/gen/flag_words.js";
 import { statusOf } from "./waiting.js";
 
 const element = <T extends HTMLElement>(id: string): T => document.getElementById(id) as T;
@@ -69,6 +70,7 @@ const number = (value: number, digits = 0): string => value.toFixed(digits);
 function drawLamps(estimate: Estimate | undefined): void {
   const rows = besideSh(estimate).map((light) => {
     const row = document.createElement("tr");
+    row.title = flagNames(light.flags, LightFlag).map(inWords).join("\n");
     const swatch = document.createElement("span");
     swatch.className = "swatch";
     swatch.style.background = screenColour(light.irradiance, 1 / Math.max(...light.irradiance, 1e-9));
@@ -94,6 +96,16 @@ function drawFigures(figures: Record<string, string>): void {
   }));
 }
 
+/** A flag, and what to do where something can be done. */
+const inWords = (name: string): string => `${name}: ${FLAG_WORDS[name] ?? "unknown to this version"}`;
+
+/** Written only when they are new. */
+function showFaults(lines: string[]): void {
+  const list = element("faults");
+  if ([...list.children].map((item) => item.textContent).join("\n") === lines.join("\n")) return;
+  list.replaceChildren(...lines.map((line) => Object.assign(document.createElement("li"), { textContent: line })));
+}
+
 /** What keeps the probe away; written only when it is new, so that it is read out once. */
 function showConnection(problem: string): void {
   const connection = element("connection");
@@ -102,20 +114,30 @@ function showConnection(problem: string): void {
 }
 
 /** Under the picture: whose light it is. `had`: light has come before. */
-function showStatus(probe: Probe, had: boolean): void {
-  const status = element("status"), left = element("left"), text = statusOf(probe, had);
-  const label = probe.latest() ? "lit by the probe" : `not the room's light: ${text}`;
+function showStatus(probe: Probe, had: boolean, recording: string | undefined): void {
+  const status = element("status"), left = element("left"), text = recording === undefined ? statusOf(probe, had) : `recording ${recording}`;
+  const label = probe.latest() ? (recording === undefined ? "lit by the probe" : "lit by the recording") : `not the room's light: ${text}`;
   if (status.textContent !== text) status.textContent = text;
   if (left.textContent !== label) left.textContent = label;
   status.classList.toggle("bad", probe.state === "waiting" || probe.state === "closed");
 }
 
-/**
- * `there`: the light where the object stands. `errorOfTruth`: mean error of the light on a white sphere, as a share of its brightest
- * point; undefined: no truth.
- */
-export function show(probe: Probe, estimate: Estimate | undefined, there: Estimate | undefined, truth: Estimate | undefined, errorOfTruth: number | undefined, had: boolean): void {
-  showStatus(probe, had);
+/** What is shown of a probe's light. */
+export interface Shown {
+  estimate: Estimate | undefined;
+  /** The light where the object stands. */
+  there: Estimate | undefined;
+  truth: Estimate | undefined;
+  /** Mean error of the light on a white sphere, as a share of its brightest point; undefined: no truth. */
+  errorOfTruth: number | undefined;
+  /** Light has come before. */
+  had: boolean;
+  /** Name of the file that is played; undefined: it is live. */
+  recording: string | undefined;
+}
+
+export function show(probe: Probe, { estimate, there, truth, errorOfTruth, had, recording }: Shown): void {
+  showStatus(probe, had, recording);
   drawMap(estimate, truth);
   drawLamps(estimate);
   const { health, hello } = probe;
@@ -137,8 +159,6 @@ export function show(probe: Probe, estimate: Estimate | undefined, there: Estima
   if (hello) figures["source, preset"] = `${hello.source}, ${health?.preset ?? hello.preset}`;
   drawFigures(figures);
   element("sh").textContent = (estimate?.sh.coefficients ?? []).reduce((text, value, i) => `${text}${value.toFixed(4).padStart(9)}${i % 3 === 2 ? "\n" : ""}`, "");
-  const faults = (health?.faults ?? []).map(({ id, text }) => `${id}: ${text}`);
-  if (estimate?.flags) faults.push(`flags: ${flagNames(estimate.flags).join(", ")}`);
-  element("faults").textContent = faults.join(" · ");
+  showFaults([...(health?.faults ?? []).map(({ id, text }) => `${id}: ${text}`), ...flagNames(estimate?.flags ?? 0).map(inWords)]);
   showConnection(probe.state === "open" ? "" : probe.lastError ?? "");
 }

@@ -1,71 +1,120 @@
 // SPDX-License-Identifier: Apache-2.0
-/** The objects: spheres of several materials on a floor, or on the picture of a camera, and what turns the view. */
+/** The objects: a still life, spheres of several materials or a loaded object, on a round table or on the picture of a camera; and what turns the view. */
 import * as THREE from "three";
 import { GLTFLoader } from "three/examples/jsm/loaders/GLTFLoader.js";
 import type { Estimate, ReflectionMap } from "../src/index.js";
 import { ShadowCatcher } from "../src/three.js";
-import { BY_FORMULA, DIAMETER_M, MIRRORS, NAMES, PHYSICAL, mirroringOnly } from "./materials.js";
+import { BY_FORMULA, DIAMETER_M, MIRRORS, PHYSICAL, SPHERES, SURFACES, mirroringOnly } from "./materials.js";
+import { STILL_LIFE_HALF_M, stillLife, type Piece } from "./still_life.js";
+import type { Surface } from "./surface.js";
 import { Surroundings } from "./surroundings.js";
+import { withTerm, type Term, type TermSettings } from "./terms.js";
 
-const RADIUS_M = DIAMETER_M / 2, SPACING_M = 0.4, FLOOR_RADIUS_M = 12, FIELD_DEG = 32;
+const RADIUS_M = DIAMETER_M / 2, SPACING_M = 0.4, FIELD_DEG = 32;
+const SPHERES_HALF_M = ((SPHERES.length - 1) / 2) * SPACING_M + RADIUS_M;
+/** Of a loaded object. */
+const LONGEST_SIDE_M = 0.6;
+const LEAST_DISTANCE_M = 1.7;
+/** The table is so much wider than what stands on it, and its edge so thick. */
+const TABLE_WIDER = 1.3, EDGE_M = 0.03;
+const LEAST_ZOOM = 0.35, MOST_ZOOM = 2;
+/** How bright and how blurred the room is behind the objects. */
+const BEHIND_INTENSITY = 0.85, BEHIND_BLURRINESS = 0.12;
+
+/** What stands there: what is made here, or a loaded object. */
+export type What = "still life" | "spheres" | "loaded";
+/** What is behind it; the picture of a camera is neither. */
+export type Behind = "room" | "plain";
+
+function spheres(): THREE.Group {
+  const group = new THREE.Group(), sphere = new THREE.SphereGeometry(RADIUS_M, 64, 48);
+  SPHERES.forEach((name, i) => {
+    const mesh = new THREE.Mesh<THREE.BufferGeometry, THREE.Material>(sphere, PHYSICAL[name]);
+    mesh.name = name;
+    mesh.position.set((i - (SPHERES.length - 1) / 2) * SPACING_M, RADIUS_M, i % 2 ? 0.12 : -0.12);
+    mesh.castShadow = true;
+    mesh.receiveShadow = name === "chalk" || name === "plastic";
+    group.add(mesh);
+  });
+  return group;
+}
+
+/** A round plate of radius 1 whose surface is y = 0, with a rounded edge. */
+function table(): THREE.Mesh {
+  const edge = Array.from({ length: 9 }, (_, i) => new THREE.Vector2(1 - (EDGE_M / 2) * (1 - Math.cos((Math.PI * (i - 4)) / 8)), (EDGE_M / 2) * (Math.sin((Math.PI * (i - 4)) / 8) - 1)));
+  const outline = [new THREE.Vector2(0, -EDGE_M), ...edge, new THREE.Vector2(0.5, 0), new THREE.Vector2(0, 0)];
+  const mesh = new THREE.Mesh(new THREE.LatheGeometry(outline, 128), new THREE.MeshLambertMaterial({ color: 0xbdb8b0 }));
+  mesh.receiveShadow = true;
+  return mesh;
+}
 
 export class Stage {
   readonly scene = new THREE.Scene();
   readonly camera = new THREE.PerspectiveCamera(FIELD_DEG, 1, 0.05, 50);
   readonly catcher: ShadowCatcher;
-  readonly #floor: THREE.Mesh;
+  readonly #table = table();
   readonly #objects = new THREE.Group();
-  readonly #spheres: THREE.Mesh<THREE.BufferGeometry, THREE.Material>[] = [];
-  readonly #surroundings: Record<"probe" | "truth", Surroundings>;
+  readonly #made: Record<Exclude<What, "loaded">, THREE.Group>;
+  readonly #surroundings: Record<"probe" | "other", Surroundings>;
+  #halfM = STILL_LIFE_HALF_M;
+  #loadedObject: THREE.Object3D | undefined;
   /** Of the loaded object, what mirrors its surroundings. */
   #loaded: THREE.MeshStandardMaterial[] = [];
   #isPicture = false;
   #marked: THREE.Matrix4 | undefined;
+  behind: Behind = "room";
   /** Of the view, around the objects. */
   azimuth = 0.35;
   elevation = 0.3;
+  /** Of the distance that shows everything: nearer, or further away. */
+  zoom = 1;
 
   constructor(renderer: THREE.WebGLRenderer) {
-    this.#surroundings = { probe: new Surroundings(renderer), truth: new Surroundings(renderer) };
-    const sphere = new THREE.SphereGeometry(RADIUS_M, 64, 48);
-    NAMES.forEach((name, i) => {
-      const mesh = new THREE.Mesh<THREE.BufferGeometry, THREE.Material>(sphere, PHYSICAL[name]);
-      mesh.name = name;
-      mesh.position.set((i - (NAMES.length - 1) / 2) * SPACING_M, RADIUS_M, i % 2 ? 0.12 : -0.12);
-      mesh.castShadow = true;
-      mesh.receiveShadow = name === "chalk" || name === "plastic";
-      this.#spheres.push(mesh);
-    });
-    this.#objects.add(...this.#spheres);
-    const disc = new THREE.CircleGeometry(FLOOR_RADIUS_M, 96).rotateX(-Math.PI / 2);
-    this.#floor = new THREE.Mesh(disc, new THREE.MeshLambertMaterial({ color: 0x85807a }));
-    this.#floor.receiveShadow = true;
+    this.#surroundings = { probe: new Surroundings(renderer), other: new Surroundings(renderer) };
+    this.#made = { "still life": stillLife(), spheres: spheres() };
     this.catcher = new ShadowCatcher(new THREE.CircleGeometry(1.4, 64).rotateX(-Math.PI / 2));
     this.catcher.visible = false;
-    this.scene.add(this.#objects, this.#floor, this.catcher);
+    this.scene.add(this.#objects, this.#table, this.catcher);
+    this.show("still life");
+  }
+
+  /** A loaded object can be shown once there is one. */
+  show(what: What): void {
+    const shown = what === "loaded" ? this.#loadedObject : this.#made[what];
+    if (!shown) return;
+    this.#objects.clear();
+    this.#objects.add(shown);
+    this.#halfM = { "still life": STILL_LIFE_HALF_M, spheres: SPHERES_HALF_M, loaded: LONGEST_SIDE_M }[what];
+    this.#table.scale.set(TABLE_WIDER * this.#halfM, 1, TABLE_WIDER * this.#halfM);
   }
 
   /** Over the picture of a camera the floor is not drawn, and takes shadows. */
   overPicture(is: boolean): void {
-    this.#floor.visible = !is;
+    this.#table.visible = !is;
     this.catcher.visible = is;
     this.#isPicture = is;
   }
 
   /** Materials by the formulas of lightprobe.shading, or three.js' physical ones. */
   useFormulas(are: boolean): void {
-    for (const mesh of this.#spheres) mesh.material = (are ? BY_FORMULA : PHYSICAL)[mesh.name as (typeof NAMES)[number]];
+    for (const group of Object.values(this.#made))
+      group.traverse((one) => { if (one instanceof THREE.Mesh) one.material = (are ? BY_FORMULA : PHYSICAL)[one.name as Piece]; });
   }
 
-  /** What metal and glass show in the light of the probe or of the truth, made anew every `periodMs`. */
-  environment(estimate: Estimate | undefined, map: ReflectionMap | undefined, who: "probe" | "truth", nowMs: number, periodMs: number): void {
+  /** What the formulas are given, for each material. */
+  setTerm(term: Term, settings: TermSettings): void {
+    for (const [name, surface] of Object.entries<Surface>(SURFACES)) BY_FORMULA[name as Piece].set(withTerm(surface, term, settings));
+  }
+
+  /** What metal and glass show in the light of the probe or of what is compared with it, made anew every `periodMs`. */
+  environment(estimate: Estimate | undefined, map: ReflectionMap | undefined, who: "probe" | "other", nowMs: number, periodMs: number): void {
     const surroundings = this.#surroundings[who];
     surroundings.update(estimate, map, nowMs, periodMs);
     const { texture, intensity, cube } = surroundings;
     if (!this.#isPicture) {
-      this.scene.background = texture;
-      this.scene.backgroundBlurriness = 0.4;
-      this.scene.backgroundIntensity = 0.35 * intensity; // behind, not in front of the objects
+      this.scene.background = this.behind === "room" ? texture : null;
+      this.scene.backgroundBlurriness = BEHIND_BLURRINESS;
+      this.scene.backgroundIntensity = BEHIND_INTENSITY * intensity;
     }
     for (const material of [...MIRRORS, ...this.#loaded]) Object.assign(material, { envMap: texture, envMapIntensity: intensity });
     for (const material of Object.values(BY_FORMULA)) material.setSurroundings(cube);
@@ -73,15 +122,17 @@ export class Stage {
 
   /** Glass that shows what lies behind it unbent: the bent picture costs a frame of its own. */
   simplifyGlass(): void {
-    Object.assign(PHYSICAL.glass, { transmission: 0, transparent: true, opacity: 0.25 });
-    PHYSICAL.glass.needsUpdate = true;
+    for (const glass of [PHYSICAL.glass, PHYSICAL.goblet]) {
+      Object.assign(glass, { transmission: 0, transparent: true, opacity: 0.25 });
+      glass.needsUpdate = true;
+    }
   }
 
-  /** Show a loaded object in place of the spheres; throws what the loader throws. */
+  /** Show an object of a file; throws what the loader throws. */
   async load(file: File): Promise<void> {
     const { scene } = await new GLTFLoader().parseAsync(await file.arrayBuffer(), "");
     const box = new THREE.Box3().setFromObject(scene), size = box.getSize(new THREE.Vector3());
-    scene.scale.multiplyScalar(0.6 / Math.max(size.x, size.y, size.z, 1e-6));
+    scene.scale.multiplyScalar(LONGEST_SIDE_M / Math.max(size.x, size.y, size.z, 1e-6));
     box.setFromObject(scene);
     const centre = box.getCenter(new THREE.Vector3());
     scene.position.sub(new THREE.Vector3(centre.x, box.min.y, centre.z));
@@ -91,8 +142,13 @@ export class Stage {
       if (one instanceof THREE.Mesh) for (const material of [one.material].flat() as THREE.Material[]) materials.add(material);
     });
     this.#loaded = [...materials].filter((material) => material instanceof THREE.MeshStandardMaterial).map(mirroringOnly);
-    this.#objects.clear();
-    this.#objects.add(scene);
+    this.#loadedObject = scene;
+    this.show("loaded");
+  }
+
+  /** By so many steps; below 0: further away. */
+  nearer(steps: number): void {
+    this.zoom = Math.min(MOST_ZOOM, Math.max(LEAST_ZOOM, this.zoom * 0.9 ** steps));
   }
 
   /** The ground as an AR camera sees it, which the classic formulas mirror; undefined: none. */
@@ -113,9 +169,9 @@ export class Stage {
       this.camera.updateProjectionMatrix();
       return;
     }
-    // All spheres stay in view however narrow it is.
-    const halfWidth = ((NAMES.length - 1) / 2) * SPACING_M + 2.1 * RADIUS_M;
-    const distance = Math.max(2.3, halfWidth / (Math.tan((this.camera.fov * Math.PI) / 360) * aspect));
+    // Everything stays in view however narrow it is.
+    const across = Math.tan((this.camera.fov * Math.PI) / 360) * Math.min(1, aspect);
+    const distance = this.zoom * Math.max(LEAST_DISTANCE_M, (1.08 * this.#halfM) / across);
     this.elevation = Math.min(1.4, Math.max(0.03, this.elevation));
     this.camera.position.setFromSphericalCoords(distance, Math.PI / 2 - this.elevation, this.azimuth);
     this.camera.position.y += RADIUS_M;

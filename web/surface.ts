@@ -122,22 +122,22 @@ export class SurfaceMaterial extends MeshLambertMaterial {
   readonly #uniforms;
 
   constructor(surface: Surface) {
-    super({ color: new Color(...surface.albedo) });
-    if (!(surface.indexRatio > 0 && surface.indexRatio <= 1)) throw new RangeError(`indexRatio ${surface.indexRatio}: expected 0…1, light that enters a denser body`);
+    super();
     this.#uniforms = {
-      atNormal: { value: new Vector3(...surface.atNormal) },
-      form: { value: FORMS.indexOf(surface.highlight) },
-      powers: { value: new Vector2(...surface.powers) },
-      reflection: { value: surface.reflection },
-      refraction: { value: surface.refraction },
-      indexRatio: { value: surface.indexRatio },
-      detail: { value: surface.detail },
+      atNormal: { value: new Vector3() },
+      form: { value: 0 },
+      powers: { value: new Vector2() },
+      reflection: { value: 0 },
+      refraction: { value: 0 },
+      indexRatio: { value: 1 },
+      detail: { value: 0 },
       reflectionMap: { value: null as CubeTexture | null },
       mapIntensity: { value: 0 },
       ground: { value: null as Texture | null },
       groundHalf: { value: 0 },
       groundGain: { value: 0 },
     };
+    this.set(surface);
     this.onBeforeCompile = (shader) => {
       Object.assign(shader.uniforms, this.#uniforms);
       for (const [place, text] of PATCHES) {
@@ -145,6 +145,16 @@ export class SurfaceMaterial extends MeshLambertMaterial {
         shader.fragmentShader = shader.fragmentShader.replace(place, text);
       }
     };
+  }
+
+  /** Another surface, from the next frame on; RangeError for one that is denser before than behind. */
+  set(surface: Surface): void {
+    if (!(surface.indexRatio > 0 && surface.indexRatio <= 1)) throw new RangeError(`indexRatio ${surface.indexRatio}: expected 0…1, light that enters a denser body`);
+    this.color = new Color(...surface.albedo);
+    this.#uniforms.atNormal.value.set(...surface.atNormal);
+    this.#uniforms.form.value = FORMS.indexOf(surface.highlight);
+    this.#uniforms.powers.value.set(...surface.powers);
+    for (const name of ["reflection", "refraction", "indexRatio", "detail"] as const) this.#uniforms[name].value = surface[name];
   }
 
   /** What it mirrors, with mip levels; undefined: the SH of the scene's light probes. */

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/** The picture: objects in the probe's light, and beside them in the true light. It needs WebGL 2; all else on the page does not. */
+/** The picture: objects in the probe's light, and in another light beside them or behind a line that the user moves. It needs WebGL 2; all else on the page does not. */
 import * as THREE from "three";
 import { meanIrradiance } from "../src/index.js";
 import type { Estimate, ReflectionMap } from "../src/index.js";
@@ -17,6 +17,16 @@ const STILL = matchMedia("(prefers-reduced-motion: reduce)").matches;
 /** On a slow machine fewer pixels, smaller shadow maps, plainer glass, and pauses, so that the page stays alive. */
 const LEVELS = [{ pixels: 0.7, shadowMap: 512, plain: false }, { pixels: 0.5, shadowMap: 256, plain: true }];
 
+/** Another light to compare with. */
+export interface Other {
+  estimate: Estimate;
+  /** Where the picture is split, 0…1 from the left; undefined: the same objects stand beside. */
+  splitAt: number | undefined;
+}
+
+/** Columns of the canvas, in its own pixels. */
+interface Columns { left: number; width: number }
+
 /** What a frame shows. */
 export interface Seen {
   /** The newest, or the fallback: the picture is exposed for it. */
@@ -25,8 +35,7 @@ export interface Seen {
   isOfProbe: boolean;
   /** What the switches leave of it. */
   shown: Estimate;
-  /** To be drawn beside it; undefined: nothing is. */
-  truth: Estimate | undefined;
+  other: Other | undefined;
   /** What objects mirror where they stand. */
   map: ReflectionMap | undefined;
   /** The same as the probe sent it. */
@@ -41,7 +50,7 @@ export class View {
   readonly #canvas: HTMLCanvasElement;
   readonly #renderer: THREE.WebGLRenderer;
   readonly #ar: ArView;
-  readonly #lights = { probe: new ProbeLight({ lamps: SLOTS }), truth: new ProbeLight({ lamps: SLOTS }) };
+  readonly #lights = { probe: new ProbeLight({ lamps: SLOTS }), other: new ProbeLight({ lamps: SLOTS }) };
   readonly #read: () => Seen;
   #exposure = 0;
   #hadLight = false;
@@ -64,7 +73,7 @@ export class View {
     this.#renderer.toneMapping = THREE.ACESFilmicToneMapping;
     this.#renderer.setPixelRatio(Math.min(2, devicePixelRatio));
     this.stage = new Stage(this.#renderer);
-    this.stage.scene.add(this.#lights.probe, this.#lights.truth);
+    this.stage.scene.add(this.#lights.probe, this.#lights.other);
     this.#ar = new ArView(this.#renderer, fieldDeg);
     this.#renderer.setAnimationLoop((nowMs: number) => { this.#frame(nowMs); });
   }
@@ -109,15 +118,23 @@ export class View {
     const seen = this.#read();
     if (seen.turns && !STILL) this.stage.azimuth += 0.004;
     this.#light(seen, nowMs);
-    this.#lights.truth.update(seen.truth, nowMs / 1000);
-    const half = seen.truth ? Math.floor(width / 2) : width;
-    this.#updateCamera(nowMs, half / height, seen);
+    this.#drawBoth(seen, width, height, nowMs);
+    this.#count(seen.estimate);
+  }
+
+  #drawBoth({ shown, map, estimate, mapOfProbe, mirrorsGround, other }: Seen, width: number, height: number, nowMs: number): void {
+    const split = other?.splitAt === undefined ? undefined : Math.round(other.splitAt * width);
+    const half = other && split === undefined ? Math.floor(width / 2) : width, edge = split ?? half;
+    this.#updateCamera(nowMs, half / height, { estimate, mapOfProbe, mirrorsGround });
     this.stage.aim(half / height);
     this.#renderer.setScissorTest(true);
-    this.#draw("probe", seen.shown, seen.map, 0, half, height, nowMs);
-    if (seen.truth) this.#draw("truth", seen.truth, undefined, half, width - half, height, nowMs);
-    document.getElementById("right")!.hidden = !seen.truth;
-    this.#count(seen.estimate);
+    this.#draw("probe", shown, map, { left: 0, width: half }, { left: 0, width: edge }, height, nowMs);
+    document.getElementById("right")!.hidden = !other;
+    if (!other) return;
+    if (split === undefined) this.#lights.other.update(other.estimate, nowMs / 1000);
+    else this.#lights.other.set(other.estimate);
+    const whole = split === undefined ? { left: half, width: width - half } : { left: 0, width };
+    this.#draw("other", other.estimate, undefined, whole, { left: edge, width: width - edge }, height, nowMs);
   }
 
   /** A frame of an XR session: the device's own view, and nothing beside it. */
@@ -125,7 +142,7 @@ export class View {
     const seen = this.#read(), light = this.#lights.probe;
     this.#light(seen, nowMs);
     light.visible = true;
-    this.#lights.truth.visible = false;
+    this.#lights.other.visible = false;
     this.#gapMs += 0.3 * (Math.min(nowMs - this.#lastMs, 1000) - this.#gapMs);
     this.#lastMs = nowMs;
     this.stage.environment(seen.shown, seen.map, "probe", nowMs, Math.max(400, 20 * this.#gapMs)); // costs more than a frame does
@@ -135,13 +152,15 @@ export class View {
     this.#count(seen.estimate);
   }
 
-  #draw(who: "probe" | "truth", shown: Estimate | undefined, map: ReflectionMap | undefined, x: number, width: number, height: number, nowMs: number): void {
+  /** The view fills `whole`; of it `part` is drawn. */
+  #draw(who: "probe" | "other", shown: Estimate | undefined, map: ReflectionMap | undefined, whole: Columns, part: Columns, height: number, nowMs: number): void {
+    if (part.width <= 0) return;
     this.#lights.probe.visible = who === "probe";
-    this.#lights.truth.visible = who === "truth";
+    this.#lights.other.visible = who === "other";
     this.stage.environment(shown, map, who, nowMs, 400 + 20 * this.#restMs);
     this.stage.catcher.update(this.#lights[who]);
-    this.#renderer.setViewport(x, 0, width, height);
-    this.#renderer.setScissor(x, 0, width, height);
+    this.#renderer.setViewport(whole.left, 0, whole.width, height);
+    this.#renderer.setScissor(part.left, 0, part.width, height);
     this.#renderer.render(this.stage.scene, this.stage.camera);
   }
 
@@ -178,7 +197,7 @@ export class View {
   }
 
   /** The camera's newest picture; the view from the marker, if there is one. */
-  #updateCamera(nowMs: number, aspect: number, { estimate, mapOfProbe, mirrorsGround }: Seen): void {
+  #updateCamera(nowMs: number, aspect: number, { estimate, mapOfProbe, mirrorsGround }: Pick<Seen, "estimate" | "mapOfProbe" | "mirrorsGround">): void {
     if (!this.#ar.isOn) return;
     this.#ar.update(nowMs, estimate, mapOfProbe);
     const { place } = this.#ar, ground = mirrorsGround ? this.#ar.ground : undefined;

@@ -10,11 +10,11 @@ export type { Vec3 };
 /** Flags as the schema has them: of a lamp, and why an estimate is less than the probe at its best (0 is a healthy one). */
 export { EstimateFlag, LightFlag };
 
-/** Names of the bits that are set; BIT_n for one that this version does not know. */
-export function flagNames(flags: number): string[] {
+/** Names of the bits that are set, of an estimate's flags or of a `LightFlag`; BIT_n for one that this version does not know. */
+export function flagNames(flags: number, of: Record<number, string> = EstimateFlag): string[] {
   const names: string[] = [];
   for (let bit = 0; bit < 31; bit++)
-    if ((flags >> bit) & 1) names.push(EstimateFlag[1 << bit] ?? `BIT_${bit}`);
+    if ((flags >> bit) & 1) names.push(of[1 << bit] ?? `BIT_${bit}`);
   return names;
 }
 

@@ -322,5 +322,7 @@ test("a page of another origin gets nothing", { timeout: LONG_MS }, async () => 
 });
 
 test("the page's licences are beside it", () => {
-  assert.match(readFileSync(resolve(WEB, "main.js.LEGAL.txt"), "utf8"), /three/i);
+  const text = readFileSync(resolve(WEB, "main.js.LEGAL.txt"), "utf8");
+  for (const name of ["three", "js-aruco2", "fzstd"]) assert.match(text, new RegExp(`^${name}$`, "m"));
+  assert.equal(text.match(/Permission is hereby granted, free of charge/g)?.length, 3);
 });
