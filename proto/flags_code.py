@@ -3,7 +3,7 @@
 
 flags_code.py --header OUT    C, for the daemon (include/light_estimate.h)
 flags_code.py --python OUT    host_py/lightprobe/flags.py, which is committed
-flags_code.py --typescript OUT    the flags in words, for the viewer (host_py/lightprobe/estimate.py has them)
+flags_code.py --typescript OUT    the flags in words of lightprobe/estimate.py, for the viewer
 
 (JavaScript and C# have them from the schema's own generators.)
 """
@@ -83,7 +83,9 @@ def typescript() -> str:
     text = (HERE.parent / "host_py/lightprobe/estimate.py").read_text()
     for node in ast.parse(text).body:
         if isinstance(node, ast.AnnAssign) and ast.unparse(node.target) == "FLAG_WORDS":
-            words = json.dumps(ast.literal_eval(node.value or ast.Dict()), indent=2, ensure_ascii=False)
+            words = json.dumps(
+                ast.literal_eval(node.value or ast.Dict()), indent=2, ensure_ascii=False
+            )
             return (
                 "// Generated from host_py/lightprobe/estimate.py by proto/flags_code.py.\n"
                 f"export const FLAG_WORDS: Record<string, string> = {words};\n"

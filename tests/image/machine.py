@@ -21,7 +21,7 @@ from pathlib import Path
 import recorded
 
 LIMIT_S = 900
-BOOT_OFFSET = 4 << 20  # of the first partition: build.py, align
+BOOT_OFFSET = 4 << 20  # of the first partition: make_image.py, align
 ROOT_OFFSET = BOOT_OFFSET + (128 << 20)
 #: It starts report.sh, which is not in the image either.
 REPORT = """[Unit]

@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""Make the image of a probe's card, for the Raspberry Pi 4: `build.py --out FOLDER`, as root.
+"""Make the image of a probe's card, for the Raspberry Pi 4: `make_image.py --out FOLDER`, as root.
 
 The card has three partitions: LP-BOOT, which any computer reads (the Pi's firmware, kernel,
 lightprobe.txt), lp-root, which is never written, and lp-data, which grows to the card's size.
@@ -26,8 +26,8 @@ SUITE = "bookworm"
 #: What the Pi's firmware and its kernel come in, and a shell for the first program.
 KERNEL = "linux-image-arm64,raspi-firmware,firmware-brcm80211,busybox-static"
 FIRMWARE = ("start4.elf", "fixup4.dat")
-UNITS = ("lightprobed", "lightprobe-setup", "lightprobe-panel", "lightprobe-image", "lightprobe-network.timer",
-         "NetworkManager", "avahi-daemon", "systemd-timesyncd")  # fmt: skip
+UNITS = ("lightprobed", "lightprobe-setup", "lightprobe-panel", "lightprobe-image", "avahi-daemon",
+         "lightprobe-network.timer", "NetworkManager", "systemd-timesyncd")  # fmt: skip
 #: They look at file systems on logical volumes, in the background.
 UNUSED_UNITS = ("e2scrub_all.timer", "e2scrub_reap.service")
 DROP_INS = ("wss", "i2c")
