@@ -324,5 +324,5 @@ test("a page of another origin gets nothing", { timeout: LONG_MS }, async () => 
 test("the page's licences are beside it", () => {
   const text = readFileSync(resolve(WEB, "main.js.LEGAL.txt"), "utf8");
   for (const name of ["three", "js-aruco2", "fzstd"]) assert.match(text, new RegExp(`^${name}$`, "m"));
-  assert.equal(text.match(/Permission is hereby granted, free of charge/g)?.length, 3);
+  assert.ok(text.match(/Permission is hereby granted, free of charge/g)!.length >= 3);
 });
