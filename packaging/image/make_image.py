@@ -27,7 +27,8 @@ SUITE = "bookworm"
 KERNEL = "linux-image-arm64,raspi-firmware,firmware-brcm80211,busybox-static"
 FIRMWARE = ("start4.elf", "fixup4.dat")
 UNITS = ("lightprobed", "lightprobe-setup", "lightprobe-panel", "lightprobe-image", "avahi-daemon",
-         "lightprobe-network.timer", "NetworkManager", "systemd-timesyncd")  # fmt: skip
+         "lightprobe-network.timer", "lightprobe-renew.timer", "NetworkManager",
+         "systemd-timesyncd")  # fmt: skip
 #: They look at file systems on logical volumes, in the background.
 UNUSED_UNITS = ("e2scrub_all.timer", "e2scrub_reap.service")
 DROP_INS = ("wss", "i2c")
@@ -189,7 +190,9 @@ class Image:
         lazy = "lazy_itable_init=0,lazy_journal_init=0,root_owner=0:0"
         self.step("root's file system", *quiet, "-L", "lp-root", "-O", "^has_journal", "-d",
                   self.root, inputs / "root.ext4", f"{size_mb}M")  # fmt: skip
-        self.step("data's file system", *quiet, "-L", "lp-data", "-E", lazy, "-d", data,
+        # Of few inodes, because their tables are written when it grows.
+        few = ["-b", "4096", "-i", "65536"]
+        self.step("data's file system", *quiet, *few, "-L", "lp-data", "-E", lazy, "-d", data,
                   inputs / "data.ext4", f"{DATA_MB}M")  # fmt: skip
         config = self.work / "genimage.cfg"
         config.write_text(layout(name))

@@ -82,7 +82,8 @@ def test_the_first_that_asks_gets_it_and_the_door_is_closed(door: Door) -> None:
 
 
 def test_a_browser_gets_a_link(door: Door) -> None:
-    status, page = ask("POST", {"Origin": f"https://127.0.0.1:{PORT}"})
+    browser = {"Origin": f"https://127.0.0.1:{PORT}", "Accept": "text/html,*/*;q=0.8"}
+    status, page = ask("POST", browser)
     assert status == 200
     assert pair.read(door.folder).token in page
     assert 'href="https://' in page

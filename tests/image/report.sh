@@ -1,7 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 # What the tests want to know of the machine, each few seconds, on its console. It is laid into a copy of the image.
-# Two simulated radios: one opens the probe's own Wi-Fi, the other joins it, as a headset does.
+# Two simulated radios: one opens the probe's own Wi-Fi, as by the button, because this machine has a cable; the other
+# joins it, as a headset does.
 modprobe mac80211_hwsim radios=2
+sleep 5
+nmcli --wait 60 connection up lightprobe
 umask 077 # NetworkManager reads no file that others may read
 joined=
 address=
@@ -25,5 +28,5 @@ while sleep 10; do
 	written=$(awk '{ print $7 * 512 }' /sys/class/block/vda/stat)
 	failed=$(systemctl list-units --failed --plain --no-legend | cut -d' ' -f1 | tr '\n' ,)
 	echo "report uptime_s=$(cut -d. -f1 /proc/uptime) used_mb=$used root=$root data_mb=$data written_bytes=$written" \
-		"failed=$failed address=$address joined=$(echo "$joined" | tr ' ' _)"
+		"name=$(hostname) failed=$failed address=$address joined=$(echo "$joined" | tr ' ' _)"
 done

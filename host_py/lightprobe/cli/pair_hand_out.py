@@ -113,10 +113,10 @@ class _Handler(BaseHTTPRequestHandler):
             self._answer(410, _PAGE.format(body="<p>Another client was first: press again.</p>"))
             return
         try:
-            if "application/json" in self.headers.get("Accept", ""):
-                self._answer(200, json.dumps({"url": url}), "application/json")
-            else:
+            if "text/html" in self.headers.get("Accept", ""):  # as each browser says
                 self._answer(200, _PAGE.format(body=_GIVE.format(url=html.escape(url))))
+            else:
+                self._answer(200, json.dumps({"url": url}), "application/json")
         finally:
             self.server.given.set()
 
@@ -126,7 +126,8 @@ class _Handler(BaseHTTPRequestHandler):
         self.send_header("Content-Type", kind)
         self.send_header("Content-Length", str(len(data)))
         self.send_header("Cache-Control", "no-store")
-        self.send_header("Referrer-Policy", "no-referrer")
+        # With no-referrer browsers send the page's own form as if it came from elsewhere (Origin: null).
+        self.send_header("Referrer-Policy", "same-origin")
         self.send_header("X-Frame-Options", "DENY")
         self.send_header("Connection", "close")
         self.end_headers()

@@ -63,6 +63,7 @@ class Done:
     action: Action
     problem: str  # "": well
     is_on: bool | None = None  # of one with `undo`: how it is now, if that is known
+    asked: bool = False  # only how it is; nothing was changed
 
 
 class Runner:
@@ -71,16 +72,16 @@ class Runner:
     def __init__(self) -> None:
         """Nothing runs yet."""
         self._ended: queue.SimpleQueue[Done] = queue.SimpleQueue()
-        self._running: set[str] = set()
+        self._running: set[tuple[str, bool]] = set()
         self._processes: set[subprocess.Popen[str]] = set()
         self._lock = threading.Lock()
         self._closed = False
 
     def start(self, action: Action, only_ask: bool = False) -> bool:
         """Begin; False: it runs already. only_ask: how it is, and change nothing."""
-        if action.name in self._running:
+        if (action.name, only_ask) in self._running:
             return False
-        self._running.add(action.name)
+        self._running.add((action.name, only_ask))
         work = threading.Thread(target=self._work, args=(action, only_ask), daemon=True)
         work.start()
         return True
@@ -91,7 +92,7 @@ class Runner:
         with contextlib.suppress(queue.Empty):
             while True:
                 done.append(self._ended.get_nowait())
-                self._running.discard(done[-1].action.name)
+                self._running.discard((done[-1].action.name, done[-1].asked))
         return done
 
     def close(self) -> None:
@@ -107,10 +108,10 @@ class Runner:
             if not only_ask:
                 self._run(action.undo if is_on else action.command, action.limit_s)
                 is_on = not is_on
-            done = Done(action, "", is_on if action.undo else None)
+            done = Done(action, "", is_on if action.undo else None, only_ask)
         except _FailedError as error:
             problem = f"panel: {action.title}: {error}: {action.next_step}"
-            done = Done(action, "" if only_ask else problem)
+            done = Done(action, "" if only_ask else problem, asked=only_ask)
         self._ended.put(done)
 
     def _is_on(self, action: Action) -> bool:

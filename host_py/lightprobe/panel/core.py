@@ -44,7 +44,8 @@ class Core:
 
     def ended(self, done: Done, now_s: float) -> None:
         """It has ended."""
-        self._running.pop(done.action.name, None)
+        if not done.asked:
+            self._running.pop(done.action.name, None)
         if done.is_on is not None:
             self.access_point = done.is_on
         if done.action.shown is State.STOPPING and not done.problem:
@@ -75,7 +76,7 @@ class Core:
             words = f"panel: button: pressed for {STUCK_S:g} s and longer: is it stuck, or shorted?"
             holding.append(Judged(State.FAULT, words))
         if self.access_point:
-            holding.append(Judged(State.ACCESS_POINT, "switched on by the button"))
+            holding.append(Judged(State.ACCESS_POINT, "its own network is open"))
         return min(holding, key=lambda judged: _ORDER.index(judged.state))
 
     def led(self, now_s: float) -> tuple[bool, float]:

@@ -14,6 +14,8 @@ from lightprobe.panel.probe import Probe
 from lightprobe.panel.state import Judged
 
 _LOOK_S = 0.5
+#: How often NetworkManager is asked whether the probe is an access point.
+_ASK_S = 10.0
 Tell = Callable[[Judged], None]
 
 
@@ -22,15 +24,17 @@ def run(led: Led | None, push: Push | None, probe: Probe, tell: Tell) -> None:
     runner = Runner()
     now_s = time.monotonic()
     core = Core(now_s, push.pressed() if push else False)
-    runner.start(ACTIONS["access-point"], only_ask=True)
     told: State | None = None
-    look_s = now_s
+    look_s = ask_s = now_s
     try:
         while True:
             now_s = time.monotonic()
             if now_s >= look_s:
                 core.see(probe.look(), now_s)
                 look_s = now_s + _LOOK_S
+            if now_s >= ask_s:  # others switch it, too
+                runner.start(ACTIONS["access-point"], only_ask=True)
+                ask_s = now_s + _ASK_S
             for done in runner.ended():
                 core.ended(done, now_s)
                 if done.problem:

@@ -6,6 +6,7 @@ import json
 import os
 import stat
 import sys
+import time
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -117,18 +118,34 @@ def test_access_that_was_torn_is_written_again(tmp_path, torn):
     assert file.read_text() == whole
 
 
-def test_the_known_wifi_comes_before_the_access_point(tmp_path):
-    text = "\ufeffcountry = DE\r\nwifi-name = Café  Ω\r\nwifi-password =  a b=c;#d \r\n"
+@pytest.mark.parametrize("coding", ["utf-8-sig", "cp1252"])
+def test_the_known_wifi(tmp_path, coding):
+    text = "country = DE\r\nwifi-name = Café  Müller\r\nwifi-password =  a b=c;#d \r\n"
     programs = Programs()
-    assert card(tmp_path, programs, text).start() == []
+    one = card(tmp_path, programs)
+    (tmp_path / "boot/lightprobe.txt").write_bytes(text.encode(coding))
+    assert one.start() == []
     home = keyfile(tmp_path / "profiles/home.nmconnection")
-    point = keyfile(tmp_path / "profiles/lightprobe.nmconnection")
     ssid = bytes(int(one) for one in home["wifi"]["ssid"].split(";") if one)
-    assert ssid.decode() == "Café  Ω"
+    assert ssid.decode() == "Café  Müller"
     assert home["wifi-security"]["psk"] == "a b=c;#d"
-    priority = [int(one["connection"]["autoconnect-priority"]) for one in (home, point)]
-    assert priority[0] > priority[1]
     assert ["iw", "reg", "set", "DE"] in programs.ran
+
+
+def test_another_number_makes_all_access_anew(tmp_path):
+    def secrets():
+        return {
+            name: (tmp_path / "state" / name).read_text()
+            for name in ("access-point-password", "pair/owner")
+        }
+
+    card(tmp_path, Programs(), "access-number = 1\n").start()
+    first = secrets()
+    card(tmp_path, Programs(), "access-number = 1\n").start()
+    assert secrets() == first
+    card(tmp_path, Programs(), "access-number = 2\n").start()
+    assert not set(secrets().values()) & set(first.values())
+    assert secrets()["pair/owner"].strip() in (tmp_path / "boot/access.txt").read_text()
 
 
 @pytest.mark.parametrize(
@@ -139,6 +156,8 @@ def test_the_known_wifi_comes_before_the_access_point(tmp_path):
         ("country = Germany", "country is left out"),
         ("wifi-name = home", "its name and its password"),
         ("wifi-password = 1234567\nwifi-name = home", "8 to 63"),
+        ("wifi-password = 12345678\nwifi-name = " + "ü" * 17, "32 bytes"),
+        ("wifi-password = 12345678\nwifi-name = M\ufffdller", "32 bytes"),
         ("access-point-password = short", "8 to 63"),
         ("wifi = x", "not a setting"),
         ("hello", "not a setting"),
@@ -219,21 +238,100 @@ def test_a_file_is_the_old_or_the_new_one(tmp_path, monkeypatch, writes):
     assert (file.read_text() == "new") == (writes == 3)
 
 
+UP_HOME = ["nmcli", "--wait", "60", "connection", "up", "home"]
+UP = ["nmcli", "--wait", "60", "connection", "up", "lightprobe"]
+DOWN = ["nmcli", "connection", "down", "lightprobe"]
+JOINED = "Station 02:00:00:00:00:01 (on wlan0)\n"
+
+
 @pytest.mark.parametrize(
-    ("active", "stations", "known", "goes"),
+    ("active", "stations", "known", "open_s", "does"),
     [
-        ("lightprobe:wlan0\nlo:lo\n", "", True, True),
-        ("lightprobe:wlan0\n", "Station 02:00:00:00:00:01 (on wlan0)\n", True, False),
-        ("home:wlan0\n", "", True, False),
-        ("lightprobe:wlan0\n", "", False, False),
+        ("lo:lo\n", "", False, None, UP),
+        ("", "", True, None, UP),
+        ("Wired connection 1:eth0\nlo:lo\n", "", True, None, None),
+        ("home:wlan0\n", "", True, None, None),
+        ("lightprobe:wlan0\nlo:lo\n", "", True, 10, None),
+        ("lightprobe:wlan0\nlo:lo\n", "", True, 400, UP_HOME),
+        ("lightprobe:wlan0\nlo:lo\n", JOINED, True, 400, None),
+        ("lightprobe:wlan0\n", "", False, 400, None),
+        ("lightprobe:wlan0\nWired connection 1:eth0\n", "", False, 10, DOWN),
+        ("lightprobe:wlan0\nWired connection 1:eth0\n", JOINED, False, 10, None),
+        # The button has opened it.
+        ("lightprobe:wlan0\nWired connection 1:eth0\n", "", True, None, None),
+        ("lightprobe:wlan0\n", "", True, None, None),
     ],
 )
-def test_it_goes_back_to_the_known_wifi_while_nobody_is_in_the_access_point(
-    tmp_path, active, stations, known, goes
+def test_the_access_point_is_open_where_there_is_no_other_network(
+    tmp_path, monkeypatch, active, stations, known, open_s, does
 ):
     programs = Programs(active=active, stations=stations)
     one = card(tmp_path, programs)
+    opened = tmp_path / "opened"
+    monkeypatch.setattr(appliance, "OPENED", opened)
     if known:
         (tmp_path / "profiles/home.nmconnection").write_text("")
-    one.back_to_known()
-    assert (["nmcli", "--wait", "60", "connection", "up", "home"] in programs.ran) == goes
+    if open_s is not None:
+        opened.touch()
+        os.utime(opened, (time.time() - open_s,) * 2)
+    one.look_for_network()
+    asked = [words for words in programs.ran if "show" not in words and "dump" not in words]
+    assert asked == ([does] if does else [])
+
+
+def test_without_the_known_wifi_the_access_point_opens_again(tmp_path, monkeypatch):
+    class Away(Programs):
+        def __call__(self, words: Sequence[str]) -> str:
+            if list(words) == UP_HOME:
+                self.ran.append(list(words))
+                raise OSError("no such network")
+            return super().__call__(words)
+
+    programs = Away(active="lightprobe:wlan0\n")
+    one = card(tmp_path, programs)
+    monkeypatch.setattr(appliance, "OPENED", tmp_path / "opened")
+    (tmp_path / "profiles/home.nmconnection").write_text("")
+    (tmp_path / "opened").touch()
+    os.utime(tmp_path / "opened", (0, 0))
+    one.look_for_network()
+    assert programs.ran[-2:] == [UP_HOME, UP]
+
+
+def test_a_certificate_that_was_renewed_restarts_what_uses_it(tmp_path):
+    class Renews(Programs):
+        made = "old"
+
+        def __call__(self, words: Sequence[str]) -> str:
+            said = super().__call__(words)
+            if words[:2] == ["lightprobe", "pair"]:
+                folder = Path(words[words.index("--dir") + 1])
+                (folder / "certificate.pem").write_text(self.made)
+            return said
+
+    programs = Renews()
+    one = card(tmp_path, programs)
+    one.start()
+    one.renew()
+    assert not any(words[0] == "systemctl" for words in programs.ran)
+    programs.made = "new"
+    one.renew()
+    assert ["systemctl", "restart", "lightprobed", "lightprobe-setup"] in programs.ran
+
+
+def test_the_clock_begins_with_the_last_synchronisation(tmp_path, monkeypatch):
+    set_to = []
+    monkeypatch.setattr(time, "clock_settime", lambda _clock, to: set_to.append(to))
+    clock = tmp_path / "clock"
+    clock.touch()
+    monkeypatch.setattr(appliance, "CLOCKS", (clock, tmp_path / "none"))
+    os.utime(clock, (time.time() + 1000,) * 2)
+    card(tmp_path, Programs()).keep_clock()
+    os.utime(clock, (time.time() - 1000,) * 2)
+    card(tmp_path, Programs()).keep_clock()
+    assert len(set_to) == 1
+
+
+def test_a_file_system_grows_also_where_the_partition_has_grown_before(tmp_path):
+    programs = Programs()
+    card(tmp_path, programs).grow()  # sfdisk tells of no free space
+    assert ["resize2fs", "/dev/mmcblk0p3"] in programs.ran

@@ -4,8 +4,9 @@
 
 `appliance.py start`, at each start before the network and the daemon: it reads lightprobe.txt on
 the card's first partition, makes what is missing, and writes access.txt beside it, from which the
-owner learns how to reach the probe. `appliance.py network`, now and then: it goes back to the known
-Wi-Fi while nobody uses the access point.
+owner learns how to reach the probe. `appliance.py network`, each half minute: it opens the access
+point where there is no other network. `appliance.py renew`, each day: another certificate when it
+has expired.
 
 Files are written whole or not at all, so the power may fail at any moment. What goes wrong is said
 in the log and in access.txt, and never keeps the probe from starting.
@@ -17,9 +18,11 @@ import json
 import os
 import re
 import secrets
+import shutil
 import socket
 import subprocess
 import sys
+import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -38,15 +41,26 @@ ACCESS_POINT_ADDRESS = "10.42.0.1"
 #: Without what is easily misread: 0 and o, 1 and l.
 LETTERS = "abcdefghijkmnpqrstuvwxyz23456789"
 PASSWORD_LETTERS = 12
+MOST_SSID_BYTES = 32
+#: The card's last partition grows into free space of at least so much.
+LEAST_MORE_BYTES = 64 << 20
+#: Is there while the access point is open because there was no other network.
+OPENED = Path("/run/lightprobe-access-point")
+#: The time of the last synchronisation, and that of the image.
+CLOCKS = (Path("/data/timesync/clock"), Path("/usr/lib/clock-epoch"))
+#: How long the access point is open before the known Wi-Fi is tried again.
+TRY_S = 300.0
+SERVICES = ("lightprobed", "lightprobe-setup")
 Run = Callable[[Sequence[str]], str]
 
 PASSWORD = re.compile(r"[ -~]{8,63}")  # of WPA2, as IEEE 802.11 has it
 FORMS = {
     "name": (re.compile(r"[A-Za-z0-9](?:[A-Za-z0-9-]{0,30}[A-Za-z0-9])?"), "letters, digits, -"),
     "country": (re.compile(r"[A-Z]{2}"), "two capital letters, as DE"),
-    "wifi-name": (re.compile(r"[^\0\n]{1,32}"), "at most 32 characters"),
+    "wifi-name": (re.compile(r"[^\0\n\ufffd]{1,32}"), "at most 32 bytes of UTF-8"),
     "wifi-password": (PASSWORD, "8 to 63 characters"),
     "access-point-password": (PASSWORD, "8 to 63 characters"),
+    "access-number": (re.compile(r"[0-9]{1,9}"), "digits"),
 }
 
 
@@ -56,6 +70,19 @@ class Settings:
 
     values: dict[str, str] = field(default_factory=dict)
     problems: list[str] = field(default_factory=list)
+
+
+def too_long(name: str, value: str) -> bool:
+    """Tell whether it is a network's name of more bytes than Wi-Fi has room for."""
+    return name == "wifi-name" and len(value.encode()) > MOST_SSID_BYTES
+
+
+def decoded(data: bytes) -> str:
+    """Read a text as editors write it: UTF-8, or as old ones of Windows do."""
+    try:
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        return data.decode("cp1252", errors="replace")
 
 
 def read_settings(text: str) -> Settings:
@@ -68,7 +95,7 @@ def read_settings(text: str) -> Settings:
         where = f"{SETTINGS}, line {number}"
         if not equals or name not in FORMS:
             found.problems.append(f"{where}: not a setting; there are {', '.join(FORMS)}")
-        elif value and not FORMS[name][0].fullmatch(value):
+        elif value and (not FORMS[name][0].fullmatch(value) or too_long(name, value)):
             found.problems.append(f"{where}: {name} is left out: it needs {FORMS[name][1]}")
         elif value:
             found.values[name] = value
@@ -142,11 +169,11 @@ def bytes_of(ssid: str) -> str:
 
 
 def profiles(name: str, settings: Settings, own_password: str) -> dict[str, str]:
-    """Give NetworkManager's files: the access point, and the known Wi-Fi, which comes first."""
+    """Give NetworkManager's files: the access point, which waits, and the known Wi-Fi."""
     point = f"""[connection]
 id={ACCESS_POINT}
 type=wifi
-autoconnect-priority=-100
+autoconnect=false
 [wifi]
 mode=ap
 band=bg
@@ -168,8 +195,6 @@ method=ignore
         found[HOME] = f"""[connection]
 id={HOME}
 type=wifi
-autoconnect-priority=10
-autoconnect-retries=3
 [wifi]
 ssid={bytes_of(settings.values["wifi-name"])}
 [wifi-security]
@@ -254,8 +279,9 @@ class Appliance:
         self.problems += settings.problems
         self.attempt("the card's last partition cannot be used, settings are lost at the next "
                      "start", self.ensure_writable)  # fmt: skip
-        self.attempt("grow", self.grow)
         self.attempt("clock", self.keep_clock)
+        self.attempt("grow", self.grow)
+        self.attempt("access", lambda: self.forget_access(settings))
         name = settings.values.get("name") or self.own_name()
         self.attempt("name", lambda: self.set_name(name))
         own_password = settings.values.get("access-point-password") or self.own_password()
@@ -267,7 +293,7 @@ class Appliance:
     def read(self) -> Settings:
         """Read lightprobe.txt; without one nothing is set."""
         try:
-            return read_settings((self.boot / SETTINGS).read_text(errors="replace"))
+            return read_settings(decoded((self.boot / SETTINGS).read_bytes()))
         except OSError as failure:
             return Settings(problems=[f"{SETTINGS} cannot be read: {failure.strerror}"])
 
@@ -286,27 +312,42 @@ class Appliance:
             raise OSError("it is damaged, or not there: write the image to another card")
 
     def keep_clock(self) -> None:
-        """Let the time of the last synchronisation outlive this start."""
+        """Let the time of the last synchronisation outlive this start, and begin with it.
+
+        A Raspberry Pi has no clock that goes on without power.
+        """
+        newest = max((file.stat().st_mtime for file in CLOCKS if file.exists()), default=0.0)
+        if time.time() < newest:
+            time.clock_settime(time.CLOCK_REALTIME, newest)
         clock = Path("/var/lib/systemd/timesync")
         self.run(["mkdir", "-p", str(clock)])
         self.run(["mount", "--bind", "/data/timesync", str(clock)])
 
     def grow(self) -> None:
-        """Let the last partition have the rest of the card."""
+        """Let the last partition have the rest of the card, and its file system the partition.
+
+        Each by itself: the power may have failed between them.
+        """
         device = self.run(["findmnt", "-no", "SOURCE", "/data"]).strip()
         disk = "/dev/" + self.run(["lsblk", "-ndo", "PKNAME", device]).strip()
         number = re.search(r"\d+$", device)
         free = self.run(["sfdisk", "--list-free", "--output", "Size", "--bytes", disk])
         sizes = [int(word) for word in free.split() if word.isdigit()]
-        if number is None or not sizes or max(sizes) < 64 << 20:
-            return
-        line = ", +\n"
-        subprocess.run(
-            ["sfdisk", "--no-reread", "--force", "-N", number[0], disk],
-            input=line, text=True, check=True, capture_output=True,
-        )  # fmt: skip
-        self.run(["partx", "--update", "--nr", number[0], disk])
-        self.run(["resize2fs", device])
+        if number is not None and sizes and max(sizes) >= LEAST_MORE_BYTES:
+            subprocess.run(
+                ["sfdisk", "--no-reread", "--force", "-N", number[0], disk],
+                input=", +\n", text=True, check=True, capture_output=True,
+            )  # fmt: skip
+            self.run(["partx", "--update", "--nr", number[0], disk])
+        self.run(["resize2fs", device])  # writes nothing where the file system is as large
+
+    def forget_access(self, settings: Settings) -> None:
+        """Let passwords and tokens be made anew, if the owner has written another number."""
+        number, file = settings.values.get("access-number", ""), self.state / "access-number"
+        if number and (not file.exists() or file.read_text().strip() != number):
+            shutil.rmtree(self.state / "pair", ignore_errors=True)
+            (self.state / "access-point-password").unlink(missing_ok=True)
+            write_whole(file, number + "\n")
 
     def own_name(self) -> str:
         """A name that stays, also when the network card is another one."""
@@ -365,17 +406,47 @@ class Appliance:
             with writable(self.boot, self.run):
                 write_whole(file, text)
 
-    def back_to_known(self) -> None:
-        """Leave the access point for the known Wi-Fi if nobody is in it.
+    def renew(self) -> None:
+        """Make another certificate if the network's time shows that it has expired."""
+        certificate = self.state / "pair" / "certificate.pem"
+        before = certificate.read_bytes()
+        settings = self.read()
+        name = settings.values.get("name") or self.own_name()
+        own_password = settings.values.get("access-point-password") or self.own_password()
+        self.write_access(name, own_password, settings)
+        if certificate.read_bytes() != before:
+            self.run(["systemctl", "restart", *SERVICES])
 
-        If that fails, NetworkManager opens the access point again.
+    def look_for_network(self) -> None:
+        """Open the access point where there is no other network, and close it where there is.
+
+        Also now and then for the known Wi-Fi, while nobody is in it. What the button has opened
+        stays.
         """
-        active = self.run(["nmcli", "-t", "-f", "NAME,DEVICE", "connection", "show", "--active"])
-        for line in active.splitlines():
-            name, _, device = line.rpartition(":")
-            alone = name == ACCESS_POINT and not self.run(["iw", "dev", device, "station", "dump"])
-            if alone and (self.profiles / f"{HOME}.nmconnection").exists():
+        listed = self.run(["nmcli", "-t", "-f", "NAME,DEVICE", "connection", "show", "--active"])
+        active = dict(line.rpartition(":")[::2] for line in listed.splitlines())
+        point = active.pop(ACCESS_POINT, None)
+        others = [device for device in active.values() if device != "lo"]
+        if point is None:
+            OPENED.unlink(missing_ok=True)
+            if not others:
+                self.open_access_point()
+            return
+        if not OPENED.exists() or self.run(["iw", "dev", point, "station", "dump"]):
+            return
+        knows = (self.profiles / f"{HOME}.nmconnection").exists()
+        if others:
+            self.run(["nmcli", "connection", "down", ACCESS_POINT])
+        elif knows and time.time() - OPENED.stat().st_mtime > TRY_S:
+            try:
                 self.run(["nmcli", "--wait", "60", "connection", "up", HOME])
+            except OSError:  # it is not there
+                self.open_access_point()
+
+    def open_access_point(self) -> None:
+        """Open it, and note since when."""
+        self.run(["nmcli", "--wait", "60", "connection", "up", ACCESS_POINT])
+        OPENED.touch()
 
 
 def main() -> None:
@@ -384,10 +455,13 @@ def main() -> None:
     if sys.argv[1:] == ["start"]:
         problems = appliance.start()
     elif sys.argv[1:] == ["network"]:
-        appliance.attempt("the known Wi-Fi", appliance.back_to_known)
+        appliance.attempt("network", appliance.look_for_network)
+        problems = appliance.problems
+    elif sys.argv[1:] == ["renew"]:
+        appliance.attempt("certificate", appliance.renew)
         problems = appliance.problems
     else:
-        sys.exit("appliance.py start|network")
+        sys.exit("appliance.py start|network|renew")
     for problem in problems:
         print(f"lightprobe: {problem}", flush=True)
 
