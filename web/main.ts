@@ -12,7 +12,7 @@ import { show } from "./panel.js";
 import { Mirrored, isPlaced, lightThere } from "./places.js";
 import { mainLightAndAmbient } from "./plain_light.js";
 import { Plan } from "./plan.js";
-import { readRecording } from "./recording.js";
+import { checkSize, readRecording } from "./recording.js";
 import { replayed } from "./replay.js";
 import type { Behind, What } from "./scene.js";
 import { wireShading } from "./shading_panel.js";
@@ -36,7 +36,8 @@ const address = new URL(location.href);
 const ORDER = 4;
 let probe = open(address.searchParams.get("probe") ?? location.href, { shOrder: ORDER, maxLights: MOST_LAMPS });
 const truthAddress = address.searchParams.get("truth");
-const truth = truthAddress ? open(truthAddress, { shOrder: ORDER, maxLights: 8, healthPeriodMs: 0 }) : undefined;
+/** None while a recording plays: what the simulator shows now is not what lit it. */
+let truth = truthAddress ? open(truthAddress, { shOrder: ORDER, maxLights: 8, healthPeriodMs: 0 }) : undefined;
 
 /** The client of an address; where that is none, as one with a token and without TLS, the page says so and ends. */
 function open(where: string, options: ProbeOptions): Probe {
@@ -151,7 +152,10 @@ async function showBehind(picture: View): Promise<void> {
 /** Shows what is in a file: an object, or a recording in place of the probe. */
 async function openFile(file: File): Promise<void> {
   const show = async (): Promise<void> => {
-    if (kindOf(file.name) === "recording") return play(file.name, new Uint8Array(await file.arrayBuffer()));
+    if (kindOf(file.name) === "recording") {
+      checkSize(file.size);
+      return play(file.name, new Uint8Array(await file.arrayBuffer()));
+    }
     if (!view) throw new Error("this browser has no WebGL 2, which the picture needs");
     await view.stage.load(file);
     element<HTMLOptionElement>("scene-loaded").hidden = false;
@@ -212,6 +216,15 @@ function play(name: string, bytes: Uint8Array): void {
   probe = new Probe("ws://recording/", { WebSocket: socket });
   follow();
   element<HTMLFieldSetElement>("wishes").disabled = true;
+  truth?.close();
+  truth = undefined;
+  offerTruth("A recording has no truth beside it: reload the page for the live light");
+}
+
+/** The switch, and the crosses' place in the legend of the map. */
+function offerTruth(missing: string): void {
+  document.querySelector<HTMLElement>("#legend .truth")!.hidden = !truth;
+  offer("use-truth", truth !== undefined, missing);
 }
 
 function wireWishes(): void {
@@ -230,8 +243,7 @@ function wireKeys(): void {
   });
 }
 
-document.querySelector<HTMLElement>("#legend .truth")!.hidden = !truth;
-offer("use-truth", truth !== undefined, "Only a simulator knows it: ?truth=ws://… in the address, as make demo does");
+offerTruth("Only a simulator knows it: ?truth=ws://… in the address, as make demo does");
 element("dismiss").addEventListener("click", dismiss);
 const view = makeView();
 if (view) wirePicture(view);

@@ -10,6 +10,17 @@ const SCHEMA = 3, CHANNEL = 4, MESSAGE = 5, CHUNK = 6;
 const OF_A_PROBE = "lightprobe.v1.FromProbe";
 /** What a chunk unpacks to at most; those of `lightprobe record` have some 16 KiB. */
 const MOST_BYTES = 16 << 20;
+/** A tab takes so much and no more: hours of a probe. Without it, a file of a few KB could unpack until the tab hangs. */
+const MOST_FILE_BYTES = 256 << 20, MOST_UNPACKED_BYTES = 256 << 20, MOST_RECORDS = 300_000;
+const SHORTER = "record a shorter one (`lightprobe record room.mcap --seconds 60`), or play it with `lightprobe replay`";
+
+/** Nothing of such a file is played, not even what comes before the place that is at fault. */
+class Refused extends Error {}
+
+/** Error for a file that is too large, before it is read. */
+export function checkSize(bytes: number): void {
+  if (bytes > MOST_FILE_BYTES) throw new Refused(`has ${Math.ceil(bytes / 2 ** 20)} MiB, and this page plays files of up to ${MOST_FILE_BYTES >> 20} MiB: ${SHORTER}`);
+}
 
 class Reader {
   readonly #view: DataView;
@@ -44,33 +55,39 @@ class Reader {
   text = (): string => new TextDecoder().decode(this.take(this.u32()));
 }
 
-/** What is in a chunk; Error for what no recording of a probe has. */
-function unpacked(chunk: Reader): Uint8Array {
-  chunk.take(16); // first and last time
-  const size = chunk.u64();
-  chunk.take(4); // checksum
-  const compression = chunk.text(), data = chunk.take(chunk.u64());
-  if (size > MOST_BYTES) throw new Error(`a chunk unpacks to more than ${MOST_BYTES >> 20} MiB`);
-  if (compression === "") return data;
-  if (compression !== "zstd") throw new Error(`compression ${compression}: expected zstd, as lightprobe record writes it`);
-  return decompress(data, new Uint8Array(size));
-}
-
 class Parser {
   readonly #ours = new Set<number>();
   readonly #channels = new Set<number>();
   readonly found: Recorded[] = [];
+  #records = 0;
+  #unpackedBytes = 0;
 
   /** All records of the file, or of a chunk. */
-  read(reader: Reader): void {
+  read(reader: Reader, isChunk = false): void {
     while (reader.left > 0) {
       const kind = reader.u8(), record = new Reader(reader.take(reader.u64()));
-      if (kind === CHUNK) this.read(new Reader(unpacked(record)));
+      if (++this.#records > MOST_RECORDS) throw new Refused(`holds more than ${MOST_RECORDS} messages and other records, which this page does not play: ${SHORTER}`);
+      if (kind === CHUNK && isChunk) throw new Refused("has a chunk within a chunk, which MCAP does not allow: record one with `lightprobe record`");
+      if (kind === CHUNK) this.read(new Reader(this.#unpacked(record)), true);
       else if (kind === SCHEMA) this.#readSchema(record);
       else if (kind === CHANNEL) this.#readChannel(record);
       else if (kind === MESSAGE) this.#readMessage(record);
       if (reader.left === MAGIC.length) return; // the file ends as it begins
     }
+  }
+
+  /** What is in a chunk; Error for what no recording of a probe has. */
+  #unpacked(chunk: Reader): Uint8Array {
+    chunk.take(16); // first and last time
+    const size = chunk.u64();
+    chunk.take(4); // checksum
+    const compression = chunk.text(), data = chunk.take(chunk.u64());
+    if (size > MOST_BYTES) throw new Error(`a chunk unpacks to more than ${MOST_BYTES >> 20} MiB`);
+    this.#unpackedBytes += Math.max(size, data.length);
+    if (this.#unpackedBytes > MOST_UNPACKED_BYTES) throw new Refused(`unpacks to more than ${MOST_UNPACKED_BYTES >> 20} MiB, which this page does not play: ${SHORTER}`);
+    if (compression === "") return data;
+    if (compression !== "zstd") throw new Error(`compression ${compression}: expected zstd, as lightprobe record writes it`);
+    return decompress(data, new Uint8Array(size));
   }
 
   #readSchema(record: Reader): void {
@@ -92,15 +109,18 @@ class Parser {
   }
 }
 
-/** The messages of a recording in the order of the file, as far as it goes; Error for a file that holds none. */
+/** The messages of a recording in the order of the file, as far as it goes; Error for a file that holds none, or more than a tab plays. */
 export function readRecording(bytes: Uint8Array): Recorded[] {
+  checkSize(bytes.length);
   const reader = new Reader(bytes), parser = new Parser();
   if (bytes.length < MAGIC.length || !reader.take(MAGIC.length).every((value, i) => value === MAGIC[i]))
     throw new Error("is no MCAP file: record one with `lightprobe record`");
   let why = "";
   try {
     parser.read(reader);
-  } catch (error) { // it may be cut off, where the recorder was killed
+  } catch (error) {
+    if (error instanceof Refused) throw error;
+    // It may be cut off, where the recorder was killed.
     why = ` (${(error as Error).message})`;
   }
   const first = parser.found[0];

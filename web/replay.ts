@@ -8,6 +8,8 @@ import type { Recorded } from "./recording.js";
 const LONGEST_PAUSE_MS = 2000;
 /** Between the end and the next beginning. */
 const AGAIN_MS = 50;
+/** However many are due: then the page has its turn. */
+const MOST_AT_ONCE = 200;
 const OPEN = 1, CLOSED = 3;
 
 interface Played { atMs: number; message: pb.FromProbe["message"] }
@@ -74,8 +76,8 @@ export function replayed(recorded: Recorded[]): typeof WebSocket {
 
     /** Gives what is due, from this message on, in a round that began at `startMs`. */
     #play(next: number, startMs: number): void {
-      const nowMs = performance.now() - startMs;
-      for (; next < messages.length && messages[next]!.atMs <= nowMs; next++) this.#give(stamped(messages[next]!.message, this.#subscription));
+      const nowMs = performance.now() - startMs, end = Math.min(messages.length, next + MOST_AT_ONCE);
+      for (; next < end && messages[next]!.atMs <= nowMs; next++) this.#give(stamped(messages[next]!.message, this.#subscription));
       if (this.readyState === CLOSED) return;
       if (next === messages.length) [next, startMs] = [0, Math.max(startMs + lastMs + AGAIN_MS, performance.now())]; // a page that slept skips rounds
       this.#timer = setTimeout(() => this.#play(next, startMs), Math.max(0, startMs + messages[next]!.atMs - performance.now()));

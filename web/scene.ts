@@ -4,6 +4,7 @@ import * as THREE from "three";
 import { GLTFLoader } from "three/examples/jsm/loaders/GLTFLoader.js";
 import type { Estimate, ReflectionMap } from "../src/index.js";
 import { ShadowCatcher } from "../src/three.js";
+import { dispose } from "./disposed.js";
 import { BY_FORMULA, DIAMETER_M, MIRRORS, PHYSICAL, SPHERES, SURFACES, mirroringOnly } from "./materials.js";
 import { STILL_LIFE_HALF_M, stillLife, type Piece } from "./still_life.js";
 import type { Surface } from "./surface.js";
@@ -142,8 +143,10 @@ export class Stage {
       if (one instanceof THREE.Mesh) for (const material of [one.material].flat() as THREE.Material[]) materials.add(material);
     });
     this.#loaded = [...materials].filter((material) => material instanceof THREE.MeshStandardMaterial).map(mirroringOnly);
+    const former = this.#loadedObject;
     this.#loadedObject = scene;
     this.show("loaded");
+    if (former) dispose(former);
   }
 
   /** By so many steps; below 0: further away. */

@@ -275,6 +275,8 @@ function wire(): void {
   element("another").addEventListener("click", () => {
     if (!confirm(`Is ${fileName()} kept? It is deleted from this page.`)) return;
     forget();
+    // #participant=… and #seed=… were for who has answered: the next one gets a name and a seed of their own.
+    history.replaceState(null, "", location.href.replace(/#.*/, ""));
     location.reload();
   });
   addEventListener("beforeunload", (event) => { if (session && !session.ended && !saved) event.preventDefault(); });

@@ -28,14 +28,14 @@ function shuffled<T>(items: readonly T[], next: () => number): T[] {
   return out;
 }
 
-/** How often neighbours show the same picture: nobody should remember what was said a moment ago. */
+/** How often neighbours show the same picture: as seldom as can be, so that nobody remembers what was said a moment ago. */
 function neighbours(trials: readonly Trial[]): number {
   return trials.filter((one, k) => k > 0 && one.pictures.some((picture) => trials[k - 1]!.pictures.includes(picture))).length;
 }
 
 const TRIES = 100;
 
-/** The best of some random orders. */
+/** The best of some random orders: where pictures are few, the same one may still come twice in a row. */
 function spread(trials: readonly Trial[], next: () => number): Trial[] {
   let best = shuffled(trials, next);
   for (let k = 1; k < TRIES && neighbours(best) > 0; k++) {
@@ -47,7 +47,8 @@ function spread(trials: readonly Trial[], next: () => number): Trial[] {
 
 /**
  * All trials in random order, ratings before choices, because a choice shows the real object beside the other.
- * Half of the choices are swapped, and a pair that comes again is shown the other way round.
+ * Half of the choices are swapped, and a pair that comes again is shown the other way round. The pairs that are compared are halved
+ * by themselves: those that come once, and those that come twice. (The page is not told which of two is the repeated one.)
  */
 export function turns(trials: readonly Trial[], seed: number): Turn[] {
   const next = random(seed);
@@ -59,8 +60,14 @@ export function turns(trials: readonly Trial[], seed: number): Turn[] {
     const key = JSON.stringify(trial.pictures);
     groups.set(key, [...(groups.get(key) ?? []), trial]);
   }
-  const swapped = new Set<Trial>();
-  // One after the other, in random order of the pairs: every second one of all is swapped, and so of each pair.
-  [...shuffled([...groups.values()], next)].flat().forEach((trial, k) => { if (k % 2) swapped.add(trial); });
+  const rated = new Set(ratings.flatMap(({ trial }) => trial.pictures));
+  // Of a catch trial one picture is upside down, and such a one is not rated. Without ratings, catch trials are halved with the others.
+  const isCompared = ({ pictures }: Trial): boolean => pictures[0] !== pictures[1] && (rated.size === 0 || pictures.every((one) => rated.has(one)));
+  const rank = (group: Trial[]): number => (isCompared(group[0]!) ? Math.min(group.length, 2) : 3);
+  const swapped = new Set<Trial>(), inTurn = shuffled([...groups.values()], next).sort((a, b) => rank(a) - rank(b)).flat();
+  // One after the other, in random order of the pairs: every second one of all is swapped, and so of each sort and of each pair.
+  // Where their number is odd, chance says of what there is one more.
+  const first = next() < 0.5 ? 0 : 1;
+  inTurn.forEach((trial, k) => { if (k % 2 !== first) swapped.add(trial); });
   return [...ratings, ...choices.map((trial) => ({ trial, swapped: swapped.has(trial) }))];
 }

@@ -7,7 +7,7 @@ import { join, resolve } from "node:path";
 import { after, before, test } from "node:test";
 import { Probe, decode, type Estimate } from "../src/index.js";
 import { kindOf } from "../web/files.js";
-import { readRecording } from "../web/recording.js";
+import { checkSize, readRecording } from "../web/recording.js";
 import { replayed } from "../web/replay.js";
 import { LONG_MS } from "./chromium.js";
 import { LiveDaemon } from "./daemon.js";
@@ -42,6 +42,40 @@ test("a recording that is cut off is read as far as it goes; what is none says w
   assert.throws(() => readRecording(bytes.subarray(0, 8)), /holds no message of a probe/);
 });
 
+const MAGIC = [0x89, 0x4d, 0x43, 0x41, 0x50, 0x30, 0x0d, 0x0a], CHUNK = 6;
+
+/** A record of MCAP. */
+function record(kind: number, content: Uint8Array): Buffer {
+  const head = Buffer.alloc(9);
+  head[0] = kind;
+  head.writeBigUInt64LE(BigInt(content.length), 1);
+  return Buffer.concat([head, content]);
+}
+
+/** A chunk that says it unpacks to `size` bytes. */
+function chunk(compression: string, content: Uint8Array, size = content.length): Buffer {
+  const head = Buffer.alloc(16 + 8 + 4 + 4 + compression.length + 8);
+  head.writeBigUInt64LE(BigInt(size), 16);
+  head.writeUInt32LE(compression.length, 28);
+  head.write(compression, 32);
+  head.writeBigUInt64LE(BigInt(content.length), 32 + compression.length);
+  return record(CHUNK, Buffer.concat([head, content]));
+}
+
+/** What is refused stays so after a whole recording, which would else be played as far as it goes. */
+function refused(rest: Buffer, why: RegExp): void {
+  const whole = bytes.subarray(0, bytes.length - MAGIC.length);
+  for (const before of [new Uint8Array(MAGIC), whole]) assert.throws(() => readRecording(Buffer.concat([before, rest])), why);
+}
+
+test("chunks within chunks, and more than a tab can play, are refused with what to do", () => {
+  refused(chunk("", chunk("", record(0, new Uint8Array()))), /chunk within a chunk.*: record one with `lightprobe record`/);
+  refused(Buffer.concat(Array.from({ length: 17 }, () => chunk("zstd", new Uint8Array(), 16 << 20))), /unpacks to more than 256 MiB.*: record a shorter one/);
+  refused(Buffer.alloc(9 * 300_001), /more than 300000 messages.*: record a shorter one/);
+  assert.throws(() => checkSize(300 * 2 ** 20), /has 300 MiB, .* up to 256 MiB: record a shorter one/);
+  checkSize(256 * 2 ** 20);
+});
+
 test("a chunk that says it unpacks to more than any recording needs is not unpacked", () => {
   const chunk = new DataView(new ArrayBuffer(8 + 9 + 40));
   bytes.subarray(0, 8).forEach((value, i) => chunk.setUint8(i, value));
@@ -65,6 +99,22 @@ test("a client plays it as a probe, again and again, with the times of now and f
   assert.equal(probe.notOurs, 0);
   assert.deepEqual([...new Set(found.map(({ subscription }) => subscription))], [1, 2]);
   probe.close();
+});
+
+test("however many messages are due, the page has its turn between them", { timeout: LONG_MS }, async () => {
+  const recorded = readRecording(bytes), light = recorded.find(({ data }) => decode(data)?.kind === "estimate")!;
+  const many = [recorded[0]!, ...Array.from({ length: 1000 }, () => ({ ...light, timeMs: 0 }))];
+  const socket = new (replayed(many))("ws://recording/");
+  let all = 0, atOnce = 0, most = 0;
+  await new Promise<void>((done) => {
+    socket.onmessage = () => {
+      if (atOnce++ === 0) setImmediate(() => { atOnce = 0; });
+      most = Math.max(most, atOnce);
+      if (++all === 2001) done();
+    };
+  });
+  socket.close();
+  assert.ok(most <= 201, `${most} messages at once`); // and the greeting
 });
 
 test("without light or without a greeting it is not played", () => {

@@ -13,7 +13,7 @@ import { EstimateFlag, irradiance, luminance, meanIrradiance, type Vec3 } from "
 import { SURFACES } from "../web/materials.js";
 import { mainLightAndAmbient } from "../web/plain_light.js";
 import { TERMS, atNormalOf, withTerm } from "../web/terms.js";
-import { LONG_MS, NIGHTLY } from "./chromium.js";
+import { LONG_MS, NIGHTLY, launch } from "./chromium.js";
 import { WEB, panorama } from "./daemon.js";
 import { redCube } from "./gltf.js";
 import { ROOT } from "./golden.js";
@@ -193,6 +193,25 @@ test("a dropped recording lights the objects, also when the probe is gone; a spo
   assert.deepEqual(faults.filter((text) => !/WebSocket/.test(text)), []);
   await page.close();
   await daemon.start();
+});
+
+test("a recording has no truth beside it", { timeout: 3 * LONG_MS }, async () => {
+  const { daemon } = session, file = join(daemon.folder, "untrue.mcap"), here = `127.0.0.1:${daemon.port}`;
+  execFileSync(resolve(ROOT, "build/venv/bin/lightprobe"), ["record", file, "--from", `ws:${here}`, "--seconds", "1"], { stdio: "ignore" });
+  const plain = await launch("--disable-3d-apis"), page = await plain.newPage(); // the picture would take its time
+  await page.goto(`http://${here}/?truth=ws://${here}/`, { timeout: LONG_MS });
+  const ofTruth = (): Promise<boolean[]> => page.evaluate(() => {
+    const box = document.querySelector<HTMLInputElement>("#use-truth")!;
+    return [box.checked, !box.disabled, !document.querySelector<HTMLElement>("#legend .truth")!.hidden, /white sphere/.test(document.getElementById("figures")!.textContent!)];
+  });
+  await page.waitForFunction(() => /white sphere/.test(document.getElementById("figures")!.textContent!), null, { timeout: LONG_MS });
+  assert.deepEqual(await ofTruth(), [true, true, true, true]);
+  await drop(page, "untrue.mcap", readFileSync(file));
+  await page.waitForFunction(() => document.getElementById("left")!.textContent === "lit by the recording" && document.querySelector("#lamps tbody tr"), null, { timeout: LONG_MS });
+  await page.waitForTimeout(500); // figures are written a few times a second
+  assert.deepEqual(await ofTruth(), [false, false, false, false]);
+  assert.match(await page.locator("label:has(#use-truth)").getAttribute("title") ?? "", /no truth beside it: reload/);
+  await plain.close();
 });
 
 test("flags are said in words, with what to do", { timeout: 2 * LONG_MS, ...NIGHTLY }, async () => {

@@ -235,6 +235,14 @@ def _check_pictures(plan: Plan, reader: _Reader) -> None:
     for first, second in plan.compared():
         if first == second or not {first, second} <= set(methods):
             raise reader.wrong("pairs", f"{first!r}, {second!r}: two methods that take part")
+    named: set[frozenset[str]] = set()
+    for first, second in plan.compared():
+        if frozenset((first, second)) in named:
+            raise reader.wrong(
+                "pairs", f"{first!r}, {second!r}: named twice, and which of the two comes first is "
+                "no difference: name each pair once"
+            )  # fmt: skip
+        named.add(frozenset((first, second)))
     if not plan.compared():
         raise reader.wrong("pictures", f"no method takes part beside {plan.reference!r}")
     for one in shown:

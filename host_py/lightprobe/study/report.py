@@ -111,12 +111,13 @@ def _consistency(found: Findings) -> Iterator[str]:
 def _notes(found: Findings) -> Iterator[str]:
     yield (
         "Means: Student's t over participants. Shares: Wilson, answers of one participant counted "
-        f"as alike as they are. p: paired permutation test, exact up to {EXACT_UP_TO} participants;"
+        "as alike as they are, and as alike as they may be where few people tell little of it. "
+        f"p: paired permutation test, exact up to {EXACT_UP_TO} participants;"
         " Holm: over all comparisons of a table. *Would be found*: with these participants, in 80 %"
         f" of such studies, at p < {ALPHA}."
     )
     if found.people == 1:
-        yield "One participant: no intervals of means, and no tests."
+        yield "One participant tells nothing of others: no intervals, and no tests."
     elif 2 / 2**found.people >= ALPHA:
         yield f"{found.people} participants: p is {2 / 2**found.people:g} at least: ask more."
     effect, research = found.detectable_effect, detectable(RESEARCH_PEOPLE)

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import optimize, stats
+from scipy import optimize, special, stats
 
 from lightprobe.geometry import Array
 
@@ -18,6 +18,10 @@ _RANDOM = 100_000
 _SEED = 20
 #: Of the noncentral t of what is found: 2.8 for many participants, 5.7 for three.
 _LARGEST_SHIFT = 12.0
+#: Correlations of one person's answers that are tried, from independent to always the same.
+_ALIKE = special.expit(np.linspace(-9, 11, 41))
+#: Shares between which ends of an interval are looked for.
+_MEANS: list[float] = [1e-6, 1e-4, *(k / 20 for k in range(1, 20)), 1 - 1e-4, 1 - 1e-6]
 
 
 @dataclass(frozen=True)
@@ -44,32 +48,84 @@ def wilson(successes: float, trials: float) -> Interval:
 
     Both may be no whole numbers: those of an effective sample.
     """
-    share, z = successes / trials, float(stats.norm.ppf(1 - ALPHA / 2))
+    share = successes / trials
+    return Interval(share, *_wilson(share, trials))
+
+
+def _wilson(share: float, trials: float) -> tuple[float, float]:
+    z = float(stats.norm.ppf(1 - ALPHA / 2))
     scale = 1 + z * z / trials
     centre = (share + z * z / (2 * trials)) / scale
     half = z * math.sqrt(share * (1 - share) / trials + (z / (2 * trials)) ** 2) / scale
-    return Interval(share, max(centre - half, 0.0), min(centre + half, 1.0))
+    return max(centre - half, 0.0), min(centre + half, 1.0)
 
 
 def clustered_wilson(successes: Sequence[int], trials: int) -> Interval:
-    """Wilson's interval for a share of answers, `trials` of each participant.
+    """Interval for a share of answers, `trials` of each participant; of one without interval.
 
-    Answers of one person are alike, so they count as fewer: the number of answers over the design
-    effect, which is how many times the variance of the participants' shares exceeds that of as many
-    independent answers (C. Franco et al., J. Surv. Stat. Methodol. 7, 2019), and at least 1. As its
-    degrees of freedom are those of the participants, it shrinks by (z/t)² as E. L. Korn and
-    B. I. Graubard do (Surv. Methodol. 24, 1998).
+    Wilson's, where answers of one person are alike and so count as fewer: the number of answers
+    over the design effect, which is how many times the variance of the participants' shares exceeds
+    that of as many independent answers (C. Franco et al., J. Surv. Stat. Methodol. 7, 2019), and at
+    least 1. As its degrees of freedom are those of the participants, it shrinks by (z/t)² as E. L.
+    Korn and B. I. Graubard do (Surv. Methodol. 24, 1998). Where all answers are equal, nothing
+    tells how alike a person's answers are: each person counts as one answer.
+
+    Few people, or answers that are almost all equal, tell little of the design effect. So the ends
+    are at least as far apart as what a model that leaves it open allows: `_beta_binomial`.
     """
     counts = np.asarray(successes, float)
     people, total = len(counts), len(counts) * trials
     share = float(counts.sum() / total)
-    if people < 2 or not 0 < share < 1:
-        return wilson(float(counts.sum()), total)
-    between = float((counts / trials).var(ddof=1)) / people
-    effect = max(between / (share * (1 - share) / total), 1.0)
-    z, t = stats.norm.ppf(1 - ALPHA / 2), stats.t.ppf(1 - ALPHA / 2, people - 1)
-    effective = total / effect * float(z / t) ** 2
-    return wilson(share * effective, effective)
+    if people < 2:
+        return Interval(share, None, None)
+    if 0 < share < 1:
+        between = float((counts / trials).var(ddof=1)) / people
+        effect = max(between / (share * (1 - share) / total), 1.0)
+        z, t = stats.norm.ppf(1 - ALPHA / 2), stats.t.ppf(1 - ALPHA / 2, people - 1)
+        effective = total / effect * float(z / t) ** 2
+    else:
+        effective = float(people)
+    both = _wilson(share, effective), _beta_binomial(counts, trials)
+    return Interval(share, min(low for low, _ in both), max(high for _, high in both))
+
+
+def _beta_binomial(counts: Array, trials: int) -> tuple[float, float]:
+    """Profile likelihood interval of the mean of a beta-binomial distribution.
+
+    Participants' own shares are of a beta distribution (J. G. Skellam, J. R. Stat. Soc. B 10,
+    1948) of any width, from all alike to each always with the same answer: for each mean the
+    likeliest width counts. The limit is that of a normal mean of as many people, whose likelihood
+    interval of n log(1 + t²/(n − 1)) is Student's.
+    """
+    people = len(counts)
+    t = float(stats.t.ppf(1 - ALPHA / 2, people - 1))
+    fall = people * math.log1p(t * t / (people - 1)) / 2
+    values, often = np.unique(counts, return_counts=True)
+
+    def likelihood(mean: float) -> float:
+        """Log, at the likeliest of _ALIKE."""
+        strength = (1 - _ALIKE[:, None]) / _ALIKE[:, None]
+        a, b = mean * strength, (1 - mean) * strength
+        each = special.betaln(a + values, b + trials - values) - special.betaln(a, b)
+        return float((each @ often).max())
+
+    k = int(np.argmax([likelihood(one) for one in _MEANS]))
+    around = _MEANS[max(k - 1, 0)], _MEANS[min(k + 1, len(_MEANS) - 1)]
+    found = optimize.minimize_scalar(lambda one: -likelihood(one), bounds=around, method="bounded")
+    best = float(found.x)
+    limit = likelihood(best) - fall
+
+    def end(means: list[float], beyond: float) -> float:
+        """From `best` outwards, where likelihood falls below the limit."""
+        inside = best
+        for mean in means:
+            if likelihood(mean) < limit:
+                return float(optimize.brentq(lambda one: likelihood(one) - limit, inside, mean))
+            inside = mean
+        return beyond
+
+    low = end([one for one in reversed(_MEANS) if one < best], 0.0)
+    return low, end([one for one in _MEANS if one > best], 1.0)
 
 
 def permutation(differences: Sequence[float] | Array) -> float:

@@ -118,6 +118,8 @@ def design(plan: Plan, sums: dict[str, str], size_px: tuple[int, int]) -> Study:
             for k, one in enumerate(islice(cycle(reversed(references)), plan.identical))
         ]
     pictures = sorted([*shown.values(), *turned], key=lambda one: one.id)
+    # Otherwise nobody's answers could be read.
+    assert len({one.id for one in trials}) == len(trials), "trials of the same id"
     return Study(
         plan.title, plan.reference, tuple(dict.fromkeys(one.method for one in plan.shown())),
         plan.compared(), tuple(pictures), tuple(sorted(trials, key=lambda one: one.id)),

@@ -1,6 +1,7 @@
 """`lightprobe study`: from pictures to tables, and what it says of bad input."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -98,6 +99,15 @@ def test_every_picture_is_rated_and_each_method_chosen_against_the_real_one(fold
     assert roles.count(("rating", "catch")) == roles.count(("choice", "catch")) == 3
     assert roles.count(("choice", "identical")) == 2
     assert roles.count(("rating", "repeat")) == roles.count(("choice", "repeat")) == 3
+
+
+def test_no_two_trials_have_the_same_id(folder):
+    """Otherwise no answers file could be read: each trial is answered once."""
+    study = made(folder)
+    assert len({one.id for one in study.trials}) == len(study.trials)
+    twice = replace(small_plan(), pairs=(("packet", "real"),) * 2)
+    with pytest.raises(AssertionError, match="trials of the same id"):
+        trials.design(twice, {f"{k}": f"{k}" for k in range(12)}, (16, 12))
 
 
 def test_the_page_tells_no_method_and_its_pictures_neither(folder):
@@ -241,7 +251,11 @@ def test_one_participant_gets_means_and_no_tests(folder):
     _, files = filled(folder, 1)
     done = run("analyse", folder / "out", *files, "--plot", folder / "plot.png")
     assert done.exception is None
-    assert "One participant: no intervals of means, and no tests." in done.output
+    assert "One participant tells nothing of others: no intervals, and no tests." in done.output
+    assert " … " not in done.output
+    table = json.loads(run("analyse", folder / "out", *files, "--json").stdout)
+    assert {one["virtual"]["low"] for one in table["ratings"]} == {None}
+    assert {one["value"]["high"] for one in table["comparisons"]} == {None}
 
 
 def test_a_side_that_attracts_is_told(folder):
@@ -353,6 +367,8 @@ def test_all_left_out_is_said(folder):
         ({"repeats": -1}, "repeats: expected a whole number from 0 to 50"),
         ({"pairs": [["real", "real"]]}, "two methods that take part"),
         ({"pairs": [["real"]]}, "pairs: expected two texts"),
+        ({"pairs": [["packet", "real"]] * 2}, "study.toml: pairs: 'packet', 'real': named twice"),
+        ({"pairs": [["packet", "real"], ["real", "packet"]]}, "name each pair once"),
         ({"methods": ["real"]}, "no method takes part beside"),
         ({"scenes": ["sea"]}, "no picture has the scene 'sea'"),
     ],
