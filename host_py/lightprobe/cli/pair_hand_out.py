@@ -126,7 +126,7 @@ class _Handler(BaseHTTPRequestHandler):
         self.send_header("Content-Type", kind)
         self.send_header("Content-Length", str(len(data)))
         self.send_header("Cache-Control", "no-store")
-        # With no-referrer browsers send the page's own form as if it came from elsewhere (Origin: null).
+        # With no-referrer a browser sends the page's own form with Origin: null, as from elsewhere.
         self.send_header("Referrer-Policy", "same-origin")
         self.send_header("X-Frame-Options", "DENY")
         self.send_header("Connection", "close")

@@ -18,6 +18,10 @@ def _installed():
     command = Path("/usr/local/bin/lightprobe")
     command.write_text(f'#!/bin/sh\nexec {REPO}/build/venv/bin/python -P -m lightprobe "$@"\n')
     command.chmod(0o755)
+    # The repository's Python may lie in a home, which the installed one does not.
+    drop_in = Path("/etc/systemd/system/lightprobe-panel.service.d/home.conf")
+    drop_in.parent.mkdir(parents=True, exist_ok=True)
+    drop_in.write_text("[Service]\nProtectHome=no\n")
     Path("/etc/systemd/system/poweroff.target").write_text("[Unit]\nDescription=as if off\n")
     run("systemctl", "daemon-reload")
 
