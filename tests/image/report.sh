@@ -3,12 +3,11 @@
 # Two simulated radios: one opens the probe's own Wi-Fi, as by the button, because this machine has a cable; the other
 # joins it, as a headset does.
 modprobe mac80211_hwsim radios=2
-sleep 5
-nmcli --wait 60 connection up lightprobe
 umask 077 # NetworkManager reads no file that others may read
 joined=
 address=
 while sleep 10; do
+	[ -n "$address" ] || iw dev | grep -q 'type AP' || nmcli --wait 60 connection up lightprobe
 	if [ -z "$address" ] && iw dev | grep -q 'type AP'; then
 		point=$(iw dev | awk '/Interface/ { name = $2 } /type AP/ { print name }')
 		other=$(iw dev | awk -v point="$point" '/Interface/ && $2 != point { print $2; exit }')
