@@ -86,10 +86,9 @@ class Image:
         """The root: what is of lightprobe, and the settings of a root that is never written."""
         remove(self.root)
         self.step("root", "cp", "-a", self.base, self.root)
-        for folder in ("usr/lib/modules", "usr/lib/firmware"):
-            source = self.kernel / folder.removeprefix("usr/")
-            shutil.copytree(source if source.exists() else self.kernel / folder,
-                            self.root / folder, symlinks=True, dirs_exist_ok=True)  # fmt: skip
+        for name in ("modules", "firmware"):  # in /lib, where nothing was installed, only unpacked
+            shutil.copytree(self.kernel / "lib" / name, self.root / "usr/lib" / name,
+                            symlinks=True, dirs_exist_ok=True)  # fmt: skip
         self.step(
             "lightprobe", "make", "-C", REPO, "install-daemon", "install-python", "install-data",
             f"DESTDIR={self.root}", "PREFIX=/usr", "PROCESSOR=aarch64",
@@ -122,7 +121,7 @@ class Image:
         config, opened = re.subn(r"^# (publish = wss:.*)$", r"\1", config, flags=re.M)
         if opened != 1:
             raise StepError("lightprobed.conf: there is no line `# publish = wss:` to open")
-        (factory / "lightprobed.conf").write_text(config.replace("/usr/local/", "/usr/"))
+        (factory / "lightprobed.conf").write_text(config)
         for folder in ("data", "boot/firmware"):
             (self.root / folder).mkdir(parents=True, exist_ok=True)
         (etc / "machine-id").write_text("")  # a new one for each start, in memory

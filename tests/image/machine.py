@@ -8,21 +8,18 @@ and 7703 are at ports of this one.
 from __future__ import annotations
 
 import os
-import re
 import shutil
 import socket
+import struct
 import subprocess
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 
-import recorded
+from recorded import SECTOR, blockdev
 
-LIMIT_S = 900
-BOOT_OFFSET = 4 << 20  # of the first partition: make_image.py, align
-ROOT_OFFSET = BOOT_OFFSET + (128 << 20)
+_PARTITIONS = 446  # their place in a master boot record
 #: It starts report.sh, which is not in the image either.
 REPORT = """[Unit]
 After=NetworkManager.service
@@ -41,6 +38,15 @@ def free_port() -> int:
         return int(one.getsockname()[1])
 
 
+def partitions(disk: Path) -> list[tuple[int, int]]:
+    """First byte and length of each, in bytes."""
+    with disk.open("rb") as file:
+        record = file.read(SECTOR)
+    entries = (record[_PARTITIONS + 16 * index :][:16] for index in range(4))
+    found = [struct.unpack("<II", entry[8:16]) for entry in entries]
+    return [(first * SECTOR, count * SECTOR) for first, count in found if count]
+
+
 @dataclass
 class Card:
     """A copy of the image, which a machine may write."""
@@ -48,7 +54,8 @@ class Card:
     disk: Path
 
     def _tool(self, *words: str | Path) -> str:
-        command = [str(words[0]), "-i", f"{self.disk}@@{BOOT_OFFSET}", *map(str, words[1:])]
+        boot = partitions(self.disk)[0][0]
+        command = [str(words[0]), "-i", f"{self.disk}@@{boot}", *map(str, words[1:])]
         done = subprocess.run(command, capture_output=True, text=True)
         if done.returncode != 0:
             raise FileNotFoundError(done.stderr.strip())
@@ -57,12 +64,6 @@ class Card:
     def read(self, name: str) -> str:
         """What a file of the first partition says, as any computer reads it."""
         return self._tool("mtype", f"::{name}")
-
-    def write(self, name: str, text: str) -> None:
-        """Change a file of the first partition."""
-        file = self.disk.with_suffix(".file")
-        file.write_text(text)
-        self._tool("mcopy", "-o", file, f"::{name}")
 
     def copy_out(self, name: str, target: Path) -> Path:
         """Copy a file of the first partition."""
@@ -83,7 +84,7 @@ def card(image: Path, folder: Path, more_mb: int = 0) -> Card:
         f"write {Path(__file__).with_name('report.sh')} /usr/lib/report.sh\n"
         f"symlink {folder_there}/multi-user.target.wants/report.service ../report.service\n"
     )
-    root = f"{disk}?offset={ROOT_OFFSET}"
+    root = f"{disk}?offset={partitions(disk)[1][0]}"
     subprocess.run(["debugfs", "-w", root], input=script, text=True, check=True)
     return Card(disk)
 
@@ -100,15 +101,6 @@ class Machine:
         """What its console has said."""
         return self.log.read_text(errors="replace")
 
-    def wait(self, pattern: str, limit_s: float = LIMIT_S) -> re.Match[str]:
-        """Wait until its console says so."""
-        end = time.monotonic() + limit_s
-        while time.monotonic() < end and self.process.poll() is None:
-            if found := re.search(pattern, self.said()):
-                return found
-            time.sleep(0.5)
-        raise AssertionError(f"no {pattern!r}:\n{self.said()[-4000:]}")
-
 
 @contextmanager
 def machine(card: Card, folder: Path, log: Path | None = None) -> Iterator[Machine]:
@@ -124,7 +116,7 @@ def machine(card: Card, folder: Path, log: Path | None = None) -> Iterator[Machi
     drive = f"driver=raw,file.driver=file,file.filename={card.disk}"
     if log is not None:
         log.write_bytes(b"")
-        drive = recorded.blockdev(card.disk, log)
+        drive = blockdev(card.disk, log)
     command = [
         "qemu-system-aarch64", "-M", "virt", "-cpu", "cortex-a72", "-m", "1024", "-smp", "2",
         "-accel", "tcg,thread=multi", "-nodefaults", "-display", "none", "-no-reboot",

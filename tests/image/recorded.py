@@ -8,7 +8,6 @@ later each write is there, not there, or torn at a sector.
 
 from __future__ import annotations
 
-import os
 import random
 import struct
 from collections.abc import Iterator
@@ -83,4 +82,3 @@ def apply(card: Path, written: list[Record]) -> None:
         for one in written:
             file.seek(one.offset)
             file.write(one.data)
-    os.sync()

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import re
-import struct
 import subprocess
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -12,19 +11,8 @@ from dataclasses import replace
 from pathlib import Path
 from random import Random
 
-from machine import Card
-from recorded import SECTOR, Record, apply, kept
-
-_PARTITIONS = 446  # their place in a master boot record
-
-
-def partitions(card: Path) -> list[tuple[int, int]]:
-    """First byte and length of each."""
-    with card.open("rb") as file:
-        record = file.read(SECTOR)
-    entries = (record[_PARTITIONS + 16 * index :][:16] for index in range(4))
-    found = [struct.unpack("<II", entry[8:16]) for entry in entries]
-    return [(first * SECTOR, count * SECTOR) for first, count in found if count]
+from machine import Card, partitions
+from recorded import Record, apply, kept
 
 
 @contextmanager

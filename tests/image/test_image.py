@@ -23,9 +23,9 @@ from typing import Any
 
 import pytest
 from lightprobe.client import Client
-from machine import Card, Machine, card, free_port, machine
+from machine import Card, Machine, card, free_port, machine, partitions
 from recorded import Record, apply, records
-from sound import faults, last_moments, partitions
+from sound import faults, last_moments
 
 REPO = Path(__file__).resolve().parents[2]
 IMAGE = REPO / "build/image/lightprobe-pi4.img"

@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from lightprobe.panel import actions
 
 FILE = Path(__file__).parents[3] / "packaging/image/files/usr/lib/lightprobe/image/appliance.py"
 spec = importlib.util.spec_from_file_location("appliance", FILE)
@@ -279,6 +280,10 @@ def test_the_access_point_is_open_where_there_is_no_other_network(
     assert asked == ([does] if does else [])
 
 
+def test_the_button_and_the_image_mean_the_same_access_point():
+    assert appliance.ACCESS_POINT == actions.ACCESS_POINT
+
+
 def test_without_the_known_wifi_the_access_point_opens_again(tmp_path, monkeypatch):
     class Away(Programs):
         def __call__(self, words: Sequence[str]) -> str:
@@ -311,8 +316,10 @@ def test_a_certificate_that_was_renewed_restarts_what_uses_it(tmp_path):
     programs = Renews()
     one = card(tmp_path, programs)
     one.start()
+    (tmp_path / "boot/access.txt").write_text("with what went wrong at the start\n")
     one.renew()
     assert not any(words[0] == "systemctl" for words in programs.ran)
+    assert "at the start" in (tmp_path / "boot/access.txt").read_text()
     programs.made = "new"
     one.renew()
     assert ["systemctl", "restart", "lightprobed", "lightprobe-setup"] in programs.ran

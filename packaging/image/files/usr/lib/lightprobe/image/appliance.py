@@ -282,9 +282,8 @@ class Appliance:
         self.attempt("clock", self.keep_clock)
         self.attempt("grow", self.grow)
         self.attempt("access", lambda: self.forget_access(settings))
-        name = settings.values.get("name") or self.own_name()
+        name, own_password = self.name_and_password(settings)
         self.attempt("name", lambda: self.set_name(name))
-        own_password = settings.values.get("access-point-password") or self.own_password()
         self.attempt("country", lambda: self.set_country(settings))
         self.attempt("networks", lambda: self.write_profiles(name, settings, own_password))
         self.attempt(ACCESS, lambda: self.write_access(name, own_password, settings))
@@ -349,6 +348,11 @@ class Appliance:
             (self.state / "access-point-password").unlink(missing_ok=True)
             write_whole(file, number + "\n")
 
+    def name_and_password(self, settings: Settings) -> tuple[str, str]:
+        """Give those of the probe and of its own Wi-Fi: as the owner wishes, or its own."""
+        name = settings.values.get("name") or self.own_name()
+        return name, settings.values.get("access-point-password") or self.own_password()
+
     def own_name(self) -> str:
         """A name that stays, also when the network card is another one."""
         try:
@@ -408,13 +412,13 @@ class Appliance:
 
     def renew(self) -> None:
         """Make another certificate if the network's time shows that it has expired."""
-        certificate = self.state / "pair" / "certificate.pem"
+        certificate, settings = self.state / "pair" / "certificate.pem", self.read()
+        name, own_password = self.name_and_password(settings)
         before = certificate.read_bytes()
-        settings = self.read()
-        name = settings.values.get("name") or self.own_name()
-        own_password = settings.values.get("access-point-password") or self.own_password()
-        self.write_access(name, own_password, settings)
+        self.pair(name)
         if certificate.read_bytes() != before:
+            self.problems += settings.problems
+            self.write_access(name, own_password, settings)
             self.run(["systemctl", "restart", *SERVICES])
 
     def look_for_network(self) -> None:
@@ -450,7 +454,7 @@ class Appliance:
 
 
 def main() -> None:
-    """Do one of both, and say what went wrong."""
+    """Do one of them, and say what went wrong."""
     appliance = Appliance()
     if sys.argv[1:] == ["start"]:
         problems = appliance.start()
