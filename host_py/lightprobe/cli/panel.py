@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import json
+from types import ModuleType
 from typing import Annotated
 
 import typer
 
 from lightprobe.client import DEFAULT_URI
-from lightprobe.errors import UsageError
-from lightprobe.panel import lines, loop
+from lightprobe.errors import LightprobeError, UsageError
+from lightprobe.installation import install_extras
+from lightprobe.panel import loop
 from lightprobe.panel.probe import Probe
 from lightprobe.panel.state import Judged
 
@@ -48,12 +50,16 @@ def command(
     held the LED says when to let go. Wiring: hw/guide.md; patterns: docs/users/panel.md.
     Example: sudo lightprobe panel --led GPIO27 --button GPIO22
     """
-    wanted_led = None if led == _NONE else lines.Wanted("LED", led, led_low)
-    wanted = None if button == _NONE else lines.Wanted("button", button, not button_high)
-    if wanted_led is None and wanted is None and not as_json:
+    if led == button == _NONE and not as_json:
         raise UsageError("panel: neither LED nor button: name one, or say --json")
     probe = Probe(uri, network)
-    light, push = lines.open_both(wanted_led, wanted)
+    light = push = None
+    if (led, button) != (_NONE, _NONE):
+        lines = _lines()
+        light, push = lines.open_both(
+            None if led == _NONE else lines.Wanted("LED", led, led_low),
+            None if button == _NONE else lines.Wanted("button", button, not button_high),
+        )
     try:
         with probe:
             loop.run(light, push, probe, _tell_json if as_json else _tell)
@@ -62,6 +68,18 @@ def command(
             push.close()
         if light:
             light.close()
+
+
+def _lines() -> ModuleType:
+    """The GPIO lines of Linux; LightprobeError where they cannot be had."""
+    try:
+        from lightprobe.panel import lines
+    except ModuleNotFoundError as error:
+        raise LightprobeError(
+            f"panel: LED and button: need Linux and {error.name}: {install_extras('panel')}; "
+            "without them: --led none --button none --json"
+        ) from None
+    return lines
 
 
 def _tell(judged: Judged) -> None:

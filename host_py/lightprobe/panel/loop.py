@@ -5,13 +5,16 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Callable
+from typing import TYPE_CHECKING
 
 from lightprobe.panel.actions import ACTIONS, Runner
 from lightprobe.panel.core import Core
-from lightprobe.panel.lines import Led, Push
 from lightprobe.panel.patterns import State
 from lightprobe.panel.probe import Probe
 from lightprobe.panel.state import Judged
+
+if TYPE_CHECKING:
+    from lightprobe.panel.lines import Led, Push
 
 _LOOK_S = 0.5
 #: How often NetworkManager is asked whether the probe is an access point.

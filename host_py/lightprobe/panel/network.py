@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import fcntl
 import socket
 import struct
 from pathlib import Path
@@ -32,6 +31,8 @@ def _has_carrier(interface: Path) -> bool:
 
 
 def _has_ipv4(name: str) -> bool:
+    import fcntl  # not on Windows, where no interface is found above
+
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as asked:
         try:
             fcntl.ioctl(asked, _SIOCGIFADDR, struct.pack("256s", name.encode()[:15]))

@@ -7,14 +7,14 @@ import sys
 import pytest
 from lightprobe.cli import main
 
-#: Modules that only Unix has, missing for this package's own code; smbus2 is not installed there.
+#: Modules that only Unix has, missing for this package's own code; what only Linux can install.
 WINDOWS = """
 import asyncio, builtins, os, signal, socketserver, sys
 UNIX = {"grp", "pwd", "pty", "tty", "termios", "fcntl", "resource"}
 real = builtins.__import__
 def windows(name, globals=None, *rest):
     ours = (globals or {}).get("__name__", "").startswith("lightprobe")
-    if name == "smbus2" or (ours and name.split(".")[0] in UNIX):
+    if name.split(".")[0] in {"smbus2", "gpiod"} or (ours and name.split(".")[0] in UNIX):
         raise ModuleNotFoundError(f"No module named {name!r}", name=name)
     return real(name, globals, *rest)
 builtins.__import__ = windows
@@ -69,6 +69,13 @@ def test_what_needs_unix_sockets_says_so(words: str) -> None:
     done = command(*words.split())
     assert done.returncode == 1
     assert "this system has no Unix sockets: use Linux or macOS" in done.stderr
+    assert done.stderr.count("\n") == 1
+
+
+def test_a_panel_without_gpio_lines_says_what_it_needs() -> None:
+    done = command("panel")
+    assert done.returncode == 1
+    assert "need Linux and gpiod" in done.stderr
     assert done.stderr.count("\n") == 1
 
 
