@@ -7,7 +7,7 @@ interface Task {
   name: string; title: string; words: string; fields: Field[]; takes_devices: boolean; asks: boolean; minutes: number; setting: string; next_step: string;
 }
 interface State {
-  name: string; version: string; config: string; text: string; runs: boolean; log: string[]; probe: string | null; settings: Record<string, string[]>;
+  name: string; version: string; card: string | null; config: string; text: string; runs: boolean; log: string[]; probe: string | null; settings: Record<string, string[]>;
   sources: Choice[]; ports: Choice[]; cameras: Choice[]; tasks: Task[];
 }
 interface Told { task: string; status: number | null; waits: boolean; said: number; lines: string[]; seconds: number; files: string[]; written: string | null }
@@ -17,7 +17,12 @@ const owner = new URLSearchParams(location.hash.slice(1)).get("owner") ?? "";
 const MOST_LINES = 2000;
 let state: State | undefined;
 
-/** Ask the probe; rejects with its words. */
+/** The probe has answered, and not with what was asked for. */
+class Refused extends Error {
+  constructor(words: string, readonly status: number) { super(words); }
+}
+
+/** Ask the probe; rejects with its words (Refused), or because it does not answer. */
 async function ask<T>(method: string, path: string, body?: unknown): Promise<T> {
   let answer: Response;
   try {
@@ -26,8 +31,30 @@ async function ask<T>(method: string, path: string, body?: unknown): Promise<T> 
     throw new Error("The probe does not answer. Is `lightprobe setup` still running, and is this device in its network?");
   }
   const said = (await answer.json().catch(() => ({}))) as { problem?: string };
-  if (!answer.ok) throw new Error(said.problem ?? `The probe answers ${answer.status}.`);
+  if (!answer.ok) throw new Refused(said.problem ?? `The probe answers ${answer.status}.`, answer.status);
   return said as T;
+}
+
+/** Send a file, for the task that is begun next; rejects with the probe's words. */
+function send(file: File): Promise<void> {
+  return new Promise((done, fail) => {
+    const request = new XMLHttpRequest();
+    request.open("PUT", "/api/upload");
+    request.setRequestHeader("Authorization", `Bearer ${owner}`);
+    request.upload.onprogress = ({ loaded, total }) => { element("status").textContent = `is sent ${file.name}: ${Math.floor((100 * loaded) / total)} %`; };
+    request.onerror = () => fail(new Error(`${file.name} did not arrive: is the probe still in this network? Send it again.`));
+    request.onload = () => {
+      if (request.status === 200) return done();
+      let words = `The probe answers ${request.status}.`;
+      try {
+        words = (JSON.parse(request.responseText) as { problem?: string }).problem ?? words;
+      } catch {
+        // not the probe's own answer
+      }
+      fail(new Error(words));
+    };
+    request.send(file);
+  });
 }
 
 function show(problem: string): void {
@@ -67,7 +94,7 @@ function fill(list: string, choices: Choice[]): void {
 async function look(refill = true): Promise<void> {
   state = await ask<State>("GET", "state");
   element("name").textContent = state.name;
-  element("status").textContent = `${state.runs ? "runs" : "does not run: see its log below"}, version ${state.version}`;
+  element("status").textContent = `${state.runs ? "runs" : "does not run: see its log below"}, version ${state.version}${state.card ? `, card ${state.card}` : ""}`;
   element("status").classList.toggle("bad", !state.runs);
   fill("sources", state.sources);
   fill("cameras", [{ value: "equirect", words: "a whole sphere, already flattened" }, ...state.cameras]);
@@ -140,6 +167,7 @@ function control(field: Field): HTMLInputElement | HTMLSelectElement {
   }
   const input = document.createElement("input");
   input.autocomplete = "off";
+  if (field.kind === "upload") Object.assign(input, { type: "file", accept: ".raucb", required: true });
   if (field.kind === "number") Object.assign(input, { type: "number", step: "any", required: true });
   if (field.kind === "source") input.setAttribute("list", "sources");
   return input;
@@ -157,7 +185,7 @@ function card(task: Task): HTMLFormElement {
   const labels = inputs.map(({ field, input }) => {
     const label = document.createElement("label");
     // As the settings are when it is opened, until the user has written something.
-    const begin = (): void => { if (field.kind !== "choice" && !input.dataset["written"]) input.value = initial(field); };
+    const begin = (): void => { if (!["choice", "upload"].includes(field.kind) && !input.dataset["written"]) input.value = initial(field); };
     begin();
     fold.addEventListener("toggle", begin);
     input.addEventListener("input", () => { input.dataset["written"] = "yes"; });
@@ -171,6 +199,10 @@ function card(task: Task): HTMLFormElement {
     event.preventDefault();
     const fields = Object.fromEntries(inputs.map(({ field, input }) => [field.name, input.value]));
     void act(async () => {
+      for (const file of inputs.flatMap(({ input }) => [...((input as HTMLInputElement).files ?? [])])) {
+        busy(true);
+        await send(file).finally(() => busy(false));
+      }
       await ask("POST", "job", { task: task.name, fields });
       await follow();
     });
@@ -187,7 +219,7 @@ async function picture(name: string): Promise<HTMLElement> {
     : Object.assign(document.createElement("a"), { href: url, download: name, textContent: `Save ${name}` });
 }
 
-/** A phone sleeps, a network goes away: ask again. */
+/** A phone sleeps, a network goes away, the probe restarts: ask again, until there is an answer. */
 async function patiently<T>(work: () => Promise<T>): Promise<T> {
   for (let left = 60; ; left--) {
     try {
@@ -195,7 +227,8 @@ async function patiently<T>(work: () => Promise<T>): Promise<T> {
       if (left < 60) show("");
       return found;
     } catch (error) {
-      if (!left) throw error;
+      show("");
+      if (!left || error instanceof Refused) throw error;
       show((error as Error).message);
       await new Promise((done) => setTimeout(done, 2000));
     }
@@ -214,7 +247,15 @@ async function follow(): Promise<void> {
   element("running").scrollIntoView({ block: "start" });
   try {
     for (;;) {
-      const told = await patiently(() => ask<Told>("GET", `job?after=${said}`));
+      const told = await patiently(() => ask<Told>("GET", `job?after=${said}`)).catch((error: Error) => {
+        if (error instanceof Refused && error.status === 404) return undefined;
+        throw error;
+      });
+      if (!told) {
+        element("running-state").textContent = "the probe has restarted: its version is above";
+        element("while-running").hidden = true;
+        break;
+      }
       const task = state!.tasks.find(({ name }) => name === told.task)!;
       said = told.said;
       lines.push(...told.lines);
@@ -240,7 +281,7 @@ async function follow(): Promise<void> {
     }
   } finally {
     busy(false);
-    await look(false);
+    await patiently(() => look(false)); // it may have restarted
   }
 }
 

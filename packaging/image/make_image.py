@@ -2,10 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Make the image of a probe's card, for the Raspberry Pi 4: `make_image.py --out FOLDER`, as root.
 
-The card has three partitions: LP-BOOT, which any computer reads (the Pi's firmware, kernel,
-lightprobe.txt), lp-root, which is never written, and lp-data, which grows to the card's size.
-Nothing is mounted and no device is needed; programs for ARM64 run emulated. `make image` has built
-the daemon before.
+The card has four partitions: LP-BOOT, which any computer reads (the Pi's firmware, the boot loader,
+lightprobe.txt), two halves for a system with its kernel, of which the second is empty until an
+update is written to it, and lp-data, which grows to the card's size. The update is made beside the
+image, and signed. Nothing is mounted and no device is needed; programs for ARM64 run emulated.
+`make image` has built the daemon before.
 """
 
 import argparse
@@ -23,18 +24,22 @@ sys.path.insert(0, str(REPO / "packaging"))
 from clean_debian import StepError, mirror, remove, run  # noqa: E402
 
 SUITE = "bookworm"
-#: What the Pi's firmware and its kernel come in, and a shell for the first program.
-KERNEL = "linux-image-arm64,raspi-firmware,firmware-brcm80211,busybox-static"
+#: With the Pi's firmware, the boot loader, the kernel, and a shell for the first program.
+KERNEL = "linux-image-arm64,raspi-firmware,u-boot-rpi,firmware-brcm80211,busybox-static"
 FIRMWARE = ("start4.elf", "fixup4.dat")
 UNITS = ("lightprobed", "lightprobe-setup", "lightprobe-panel", "lightprobe-image", "avahi-daemon",
-         "lightprobe-network.timer", "lightprobe-renew.timer", "NetworkManager",
+         "lightprobe-confirm", "lightprobe-network.timer", "lightprobe-renew.timer", "NetworkManager",
          "systemd-timesyncd")  # fmt: skip
 #: They look at file systems on logical volumes, in the background.
 UNUSED_UNITS = ("e2scrub_all.timer", "e2scrub_reap.service")
 DROP_INS = ("wss", "i2c")
-#: MB. The data partition grows at the first start.
-ROOM_MB, BOOT_MB, DATA_MB = 64, 128, 64
-APPLETS = ("sh", "mount", "insmod", "switch_root", "cat", "echo", "sleep", "findfs")
+#: MB. A half has room for what later versions need; the data partition grows at the first start.
+BOOT_MB, HALF_MB, DATA_MB = 128, 1600, 64
+#: Of the card, so that the halves have names (files/etc/rauc/system.conf) before the kernel runs.
+DISK_SIGNATURE = 0x6C707062
+APPLETS = ("sh", "mount", "insmod", "switch_root", "cat", "echo", "sleep", "findfs", "reboot")
+CERTIFICATE_DAYS = 365 * 20
+COMPATIBLE = "lightprobe-pi4"
 #: Pages and translations that nobody reads there; licences stay.
 UNREAD = ("usr/share/man", "usr/share/info", "usr/share/locale", "usr/share/lintian",
           "var/cache", "var/log", "var/lib/apt")  # fmt: skip
@@ -43,9 +48,10 @@ UNREAD = ("usr/share/man", "usr/share/info", "usr/share/locale", "usr/share/lint
 class Image:
     """What is made, in a folder of its own."""
 
-    def __init__(self, out: Path, daemon: Path) -> None:
-        """`daemon`: lightprobed for ARM64."""
-        self.out, self.daemon = out, daemon
+    def __init__(self, out: Path, daemon: Path, keys: Path, version: str) -> None:
+        """`daemon`: lightprobed for ARM64; `keys`: folder of what signs updates."""
+        self.out, self.daemon, self.version = out, daemon, version
+        self.key, self.certificate = keys / "key.pem", keys / "certificate.pem"
         self.base, self.kernel = out / "base", out / "kernel"
         self.root, self.boot, self.work = out / "root", out / "boot", out / "work"
 
@@ -117,6 +123,8 @@ class Image:
         # What is under /etc/lightprobe at the first start, also where the last partition fails.
         factory = share / "image"
         factory.mkdir(exist_ok=True)
+        (share / "image-version").write_text(self.version + "\n")
+        shutil.copyfile(self.certificate, etc / "rauc/keyring.pem")
         config = (etc / "lightprobe/lightprobed.conf").read_text()
         config, opened = re.subn(r"^# (publish = wss:.*)$", r"\1", config, flags=re.M)
         if opened != 1:
@@ -143,7 +151,7 @@ class Image:
         for path in order:
             shutil.copy2(path, work / "modules" / path.name)
         (work / "modules/list").write_text("".join(f"{path.name}\n" for path in order))
-        target = self.boot / "initrd.img"
+        target = self.root / "boot/initrd.img"
         pack = 'cd "$1" && find . | cpio --quiet -o -H newc | gzip -9 >"$2"'
         self.step("first program", "sh", "-c", pack, "sh", work, target)
 
@@ -163,32 +171,36 @@ class Image:
         return list(order)
 
     def fill_boot(self) -> None:
-        """The partition that the Pi's firmware reads."""
+        """The partition that the Pi's firmware reads, and the kernel, which is in the root."""
         remove(self.boot)
         self.boot.mkdir()
-        shutil.copyfile(next((self.kernel / "boot").glob("vmlinuz-*")), self.boot / "vmlinuz")
+        kernel = next((self.kernel / "boot").glob("vmlinuz-*"))
+        shutil.copyfile(kernel, self.root / "boot/vmlinuz")
+        self.initrd()
+        loader = self.kernel / "usr/lib/u-boot/rpi_arm64/u-boot.bin"
+        shutil.copyfile(loader, self.boot / loader.name)
         for name in FIRMWARE:
             shutil.copyfile(self.kernel / "usr/lib/raspi-firmware" / name, self.boot / name)
         for path in self.kernel.glob("usr/lib/linux-image-*/broadcom/bcm2711-rpi-*.dtb"):
             shutil.copyfile(path, self.boot / path.name)
-        for name in ("config.txt", "cmdline.txt", "lightprobe.txt"):
+        for name in ("config.txt", "arguments.env", "lightprobe.txt"):
             shutil.copyfile(HERE / name, self.boot / name)
-        self.initrd()
+        (self.boot / "half.env").write_text("half=a\n")
+        self.step("boot loader", "mkimage", "-A", "arm64", "-T", "script", "-C", "none", "-d", HERE / "boot.cmd",
+                  self.boot / "boot.scr")  # fmt: skip
 
     def pack(self, name: str) -> Path:
         """The card, and its compressed form, which is returned."""
         data = self.work / "data"
         for folder in ("lightprobe", "timesync", "recordings"):
             (data / folder).mkdir(parents=True)
-        used = subprocess.run(["du", "-sm", self.root], capture_output=True, text=True, check=True)
-        size_mb = int(used.stdout.split()[0]) * 11 // 10 + ROOM_MB
         inputs = self.work / "in"
         inputs.mkdir()
         quiet = ["mke2fs", "-q", "-t", "ext4", "-m", "0"]
         # lazy: a card is not written in the background at its first start.
         lazy = "lazy_itable_init=0,lazy_journal_init=0,root_owner=0:0"
-        self.step("root's file system", *quiet, "-L", "lp-root", "-O", "^has_journal", "-d",
-                  self.root, inputs / "root.ext4", f"{size_mb}M")  # fmt: skip
+        self.step("root's file system", *quiet, "-O", "^has_journal", "-d", self.root,
+                  inputs / "root.ext4", f"{HALF_MB}M")  # fmt: skip
         # Of few inodes, because their tables are written when it grows.
         few = ["-b", "4096", "-i", "65536"]
         self.step("data's file system", *quiet, *few, "-L", "lp-data", "-E", lazy, "-d", data,
@@ -201,6 +213,42 @@ class Image:
         self.step("compression", "xz", "-3", "-T0", "-kf", self.out / name)
         return self.out / f"{name}.xz"
 
+    def ensure_keys(self) -> None:
+        """Make key and certificate at the first time; whoever has the key makes updates."""
+        if self.key.exists() and self.certificate.exists():
+            return
+        self.key.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
+        self.step(
+            "key for updates", "openssl", "req", "-x509", "-newkey", "ec", "-pkeyopt",
+            "ec_paramgen_curve:prime256v1", "-nodes", "-keyout", self.key, "-out",
+            self.certificate, "-days", str(CERTIFICATE_DAYS), "-subj", "/CN=lightprobe updates",
+            "-addext", "keyUsage=critical,digitalSignature,keyCertSign",
+        )  # fmt: skip
+
+    def pack_update(self, name: str) -> Path:
+        """The update: the root's file system, signed."""
+        bundle, target = self.work / "bundle", self.out / name
+        bundle.mkdir()
+        (self.work / "in/root.ext4").rename(bundle / "root.ext4")
+        (bundle / "manifest.raucm").write_text(manifest(self.version))
+        target.unlink(missing_ok=True)
+        self.step("update", "rauc", "bundle", f"--cert={self.certificate}", f"--key={self.key}",
+                  "--mksquashfs-args=-comp zstd -Xcompression-level 9", bundle,
+                  target)  # fmt: skip
+        return target
+
+
+def manifest(version: str) -> str:
+    """What RAUC reads first."""
+    return f"""[update]
+compatible={COMPATIBLE}
+version={version}
+[bundle]
+format=verity
+[image.rootfs]
+filename=root.ext4
+"""
+
 
 def layout(name: str) -> str:
     """The card's partitions, as genimage has them."""
@@ -211,9 +259,10 @@ image boot.vfat {{
     size = {BOOT_MB}M
 }}
 image {name} {{
-    hdimage {{ partition-table-type = "mbr" align = 4M }}
+    hdimage {{ partition-table-type = "mbr" align = 4M disk-signature = {DISK_SIGNATURE:#x} }}
     partition boot {{ partition-type = 0xC bootable = "true" image = "boot.vfat" }}
-    partition root {{ partition-type = 0x83 image = "root.ext4" }}
+    partition a {{ partition-type = 0x83 image = "root.ext4" }}
+    partition b {{ partition-type = 0x83 size = {HALF_MB}M }}
     partition data {{ partition-type = 0x83 image = "data.ext4" }}
 }}
 """
@@ -224,21 +273,25 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--out", type=Path, required=True, help="folder for the image")
     parser.add_argument("--daemon", type=Path, required=True, help="lightprobed for ARM64")
+    parser.add_argument("--keys", type=Path, required=True, help="folder of what signs updates")
+    parser.add_argument("--version", required=True, help="of this image")
     options = parser.parse_args()
     if os.geteuid() != 0:
         sys.exit("image: only root can make a root: sudo -E make image")
     out = options.out.resolve()
     out.mkdir(parents=True, exist_ok=True)
-    image = Image(out, options.daemon.resolve())
+    image = Image(out, options.daemon.resolve(), options.keys.resolve(), options.version)
     try:
+        image.ensure_keys()
         image.debian()
         image.fill()
         remove(image.work)
         image.fill_boot()
-        packed = image.pack("lightprobe-pi4.img")
+        packed = image.pack(f"{COMPATIBLE}.img")
+        update = image.pack_update(f"{COMPATIBLE}.raucb")
     except (StepError, OSError) as failure:
         sys.exit(f"image: {failure}")
-    for path in (packed.with_suffix(""), packed):
+    for path in (packed.with_suffix(""), packed, update):
         print(f"{path.stat().st_size / 1e6:7.1f} MB  {os.path.relpath(path)}")
 
 

@@ -193,6 +193,34 @@ def test_a_task_takes_only_what_it_asks_for(page: Page, wanted: dict[str, Any]) 
     assert page.ask("GET", "job")[0] == 404
 
 
+def test_a_file_is_taken_whole_or_not_at_all(page: Page) -> None:
+    kept = page.folder / "upload"
+    assert page.ask("PUT", "upload", b"x" * 3_000_000)[0] == 200
+    assert kept.read_bytes() == b"x" * 3_000_000
+    assert kept.stat().st_mode & 0o777 == 0o600
+    assert page.ask("PUT", "upload", b"y", Authorization="Bearer wrong")[0] == 401
+    assert kept.stat().st_size == 3_000_000
+    assert page.ask("PUT", "upload", b"")[0] == 422
+    huge = {"Content-Length": str(1 << 60)}
+    assert "there is room for" in page.ask("PUT", "upload", b"", **huge)[1]["problem"]
+    # A part of it: the sender goes.
+    with socket.create_connection(("127.0.0.1", page.port)) as sender:
+        head = f"PUT /api/upload HTTP/1.1\r\nHost: x\r\nAuthorization: Bearer {page.token}\r\n"
+        sender.sendall(f"{head}Content-Length: 1000\r\n\r\n".encode() + b"z" * 10)
+        end = time.monotonic() + 20
+        while not (page.folder / ".upload.part").exists():
+            assert time.monotonic() < end
+            time.sleep(0.01)
+        assert page.ask("PUT", "settings", {"set": {"name": ["x"]}})[0] == 409  # one at a time
+    while page.ask("PUT", "settings", {"set": {"name": ["x"]}})[0] != 200:
+        assert time.monotonic() < end
+    assert not list(page.folder.glob("*upload*"))
+    assert not list(page.folder.glob(".upload*"))
+    # This machine is no card: the task that would take a file is not offered.
+    assert page.ask("PUT", "upload", b"x")[0] == 200
+    assert page.ask("POST", "job", {"task": "update", "fields": {"file": "x"}})[0] == 422
+
+
 def test_a_calibration_takes_the_camera_and_gives_it_back(
     tmp_path_factory: pytest.TempPathFactory,
 ) -> None:

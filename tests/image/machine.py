@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The image of a card in an emulated machine: QEMU's `virt`, not a Raspberry Pi.
 
-Kernel and first program are the card's own, read from its first partition. The machine's ports 7702
-and 7703 are at ports of this one.
+The boot loader is U-Boot, built for that machine; its script, kernel and first program are the
+card's own. The machine's ports 7702 and 7703 are at ports of this one.
 """
 
 from __future__ import annotations
@@ -28,7 +28,12 @@ StandardOutput=tty
 TTYPath=/dev/console
 ExecStart=/bin/sh /usr/lib/report.sh
 """
-ARGUMENTS = "console=ttyAMA0 ro systemd.volatile=state panic=-1 systemd.log_target=console"
+ARGUMENTS = (
+    "arguments=console=ttyAMA0 ro systemd.volatile=state panic=-1 systemd.log_target=console\n"
+)
+LOADER = Path("/usr/lib/u-boot/qemu_arm64/u-boot.bin")
+#: Partitions, in their order.
+BOOT, HALF_A, HALF_B, DATA = range(4)
 
 
 def free_port() -> int:
@@ -54,9 +59,9 @@ class Card:
     disk: Path
 
     def _tool(self, *words: str | Path) -> str:
-        boot = partitions(self.disk)[0][0]
+        boot = partitions(self.disk)[BOOT][0]
         command = [str(words[0]), "-i", f"{self.disk}@@{boot}", *map(str, words[1:])]
-        done = subprocess.run(command, capture_output=True, text=True)
+        done = subprocess.run(command, capture_output=True, text=True, errors="replace")
         if done.returncode != 0:
             raise FileNotFoundError(done.stderr.strip())
         return done.stdout
@@ -65,10 +70,22 @@ class Card:
         """What a file of the first partition says, as any computer reads it."""
         return self._tool("mtype", f"::{name}")
 
-    def copy_out(self, name: str, target: Path) -> Path:
-        """Copy a file of the first partition."""
-        self._tool("mcopy", "-o", f"::{name}", target)
-        return target
+    def has(self, name: str) -> bool:
+        """Whether the first partition has such a file."""
+        try:
+            return bool(self._tool("mdir", "-b", f"::{name}"))
+        except FileNotFoundError:
+            return False
+
+    def write(self, file: Path, name: str) -> None:
+        """Copy a file to the first partition."""
+        self._tool("mcopy", "-o", file, f"::{name}")
+
+    def change(self, half: int, script: str) -> None:
+        """Change a half by commands of debugfs."""
+        root = f"{self.disk}?offset={partitions(self.disk)[half][0]}"
+        subprocess.run(["debugfs", "-w", root], input=script, text=True, check=True,
+                       capture_output=True)  # fmt: skip
 
 
 def card(image: Path, folder: Path, more_mb: int = 0) -> Card:
@@ -84,9 +101,12 @@ def card(image: Path, folder: Path, more_mb: int = 0) -> Card:
         f"write {Path(__file__).with_name('report.sh')} /usr/lib/report.sh\n"
         f"symlink {folder_there}/multi-user.target.wants/report.service ../report.service\n"
     )
-    root = f"{disk}?offset={partitions(disk)[1][0]}"
-    subprocess.run(["debugfs", "-w", root], input=script, text=True, check=True)
-    return Card(disk)
+    found = Card(disk)
+    found.change(HALF_A, script)
+    arguments = folder / "arguments.env"
+    arguments.write_text(ARGUMENTS)
+    found.write(arguments, arguments.name)
+    return found
 
 
 @dataclass
@@ -107,8 +127,6 @@ def machine(card: Card, folder: Path, log: Path | None = None) -> Iterator[Machi
     """Start it; what it writes is recorded in `log` (recorded.py)."""
     if not shutil.which("qemu-system-aarch64"):
         raise FileNotFoundError("qemu-system-aarch64: make test-image installs it")
-    kernel = card.copy_out("vmlinuz", folder / "vmlinuz")
-    initrd = card.copy_out("initrd.img", folder / "initrd.img")
     ports = {7702: free_port(), 7703: free_port()}
     forwards = "".join(f",hostfwd=tcp:127.0.0.1:{ours}-:{theirs}" for theirs, ours in ports.items())
     console = folder / "console.log"
@@ -119,12 +137,11 @@ def machine(card: Card, folder: Path, log: Path | None = None) -> Iterator[Machi
         drive = blockdev(card.disk, log)
     command = [
         "qemu-system-aarch64", "-M", "virt", "-cpu", "cortex-a72", "-m", "1024", "-smp", "2",
-        "-accel", "tcg,thread=multi", "-nodefaults", "-display", "none", "-no-reboot",
-        "-serial", f"file:{console}", "-kernel", kernel, "-initrd", initrd,
+        "-accel", "tcg,thread=multi", "-nodefaults", "-display", "none",
+        "-serial", f"file:{console}", "-bios", LOADER,
         "-blockdev", f"node-name=card,{drive}",
         "-device", "virtio-blk-pci,drive=card", "-device", "virtio-rng-pci",
         "-netdev", f"user,id=net{forwards}", "-device", "virtio-net-pci,netdev=net,romfile=",
-        "-append", ARGUMENTS,
     ]  # fmt: skip
     process = subprocess.Popen(command, stdin=subprocess.DEVNULL)
     try:

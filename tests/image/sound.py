@@ -11,7 +11,7 @@ from dataclasses import replace
 from pathlib import Path
 from random import Random
 
-from machine import Card, partitions
+from machine import DATA, Card, partitions
 from recorded import Record, apply, kept
 
 
@@ -34,15 +34,15 @@ def last_moments(card: Path, written: list[Record], chance: Random | None) -> It
 def faults(card: Path, before: Path, saved: list[str]) -> Iterator[str]:
     """Everything that is wrong; `saved`: the source that the set-up page has said to be saved."""
     were, are = partitions(before), partitions(card)
-    if [one[0] for one in were] != [one[0] for one in are] or were[:2] != are[:2]:
+    if [one[0] for one in were] != [one[0] for one in are] or were[:DATA] != are[:DATA]:
         yield f"partitions {are}"
         return
     yield from _boot(Card(card), Card(before))
     data = card.with_suffix(".data")
     words = ["dd", f"if={card}", f"of={data}", "bs=1M", "conv=sparse", "status=none",
-             "iflag=skip_bytes", f"skip={are[2][0]}"]  # fmt: skip
+             "iflag=skip_bytes", f"skip={are[DATA][0]}"]  # fmt: skip
     subprocess.run(words, check=True)
-    yield from _data(data, are[2][1])
+    yield from _data(data, are[DATA][1])
     config = read(data, "/lightprobe/lightprobed.conf")
     for source in saved:
         if f"\nsource = {source}\n" not in config:
@@ -51,7 +51,7 @@ def faults(card: Path, before: Path, saved: list[str]) -> Iterator[str]:
 
 def _boot(card: Card, before: Card) -> Iterator[str]:
     """FAT keeps no journal: access.txt may be empty, and is written again (test_appliance.py)."""
-    for name in ("lightprobe.txt", "config.txt", "cmdline.txt"):
+    for name in ("lightprobe.txt", "config.txt", "arguments.env", "boot.scr", "u-boot.bin"):
         try:
             if card.read(name) != before.read(name):
                 yield f"{name} is another"

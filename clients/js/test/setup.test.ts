@@ -112,6 +112,42 @@ test("a look, and a calibration whose file is then used", { timeout: 4 * LONG_MS
   await page.close();
 });
 
+test("an update is sent whole; where the probe is no card it is refused by its words", { timeout: 2 * LONG_MS }, async () => {
+  const page = await opened("about:blank");
+  await page.route("**/api/state", async (route) => { // a card, as far as the page knows
+    const answer = await route.fetch();
+    const state = (await answer.json()) as { tasks: unknown[]; card: string };
+    const field = { name: "file", label: "Update", kind: "upload", initial: "", choices: [] };
+    state.tasks.push({ name: "update", title: "Update", words: "", fields: [field], takes_devices: false, asks: false, minutes: 3, setting: "", next_step: "" });
+    state.card = "202611300000-abc";
+    await route.fulfill({ json: state });
+  });
+  await page.goto(address);
+  await shows(page, "status", /^runs, version \S+, card 202611300000-abc$/);
+  const update = Buffer.alloc(5_000_000, 7);
+  await page.locator('[data-task="update"] summary').click();
+  await page.locator('[data-task="update"] input').setInputFiles({ name: "new.raucb", mimeType: "", buffer: update });
+  await page.locator('[data-task="update"] button').click();
+  await shows(page, "problem", /'update': no such task/);
+  assert.ok(readFileSync(join(folder, "upload")).equals(update));
+  assert.ok(await page.locator('[data-task="update"] button').isEnabled());
+  await page.close();
+});
+
+test("a restart while a task runs is told", { timeout: 2 * LONG_MS }, async () => {
+  const page = await opened(address);
+  await shows(page, "status", /^runs/);
+  let restarted = false;
+  await page.route("**/api/job?after=*", (route) => restarted ? route.fulfill({ status: 404, json: { problem: "setup: no task has been begun" } }) : route.abort());
+  await begin(page, "doctor");
+  await shows(page, "problem", /does not answer/);
+  restarted = true;
+  await shows(page, "running-state", /the probe has restarted/);
+  await shows(page, "status", /^runs/);
+  assert.equal(await page.locator("#problem").isVisible(), false);
+  await page.close();
+});
+
 test("on a phone nothing is wider than the window", { timeout: 2 * LONG_MS }, async () => {
   const page = await opened(address, 390, 844);
   await shows(page, "status", /^runs/);

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from lightprobe.errors import UsageError
+from lightprobe.setup import card
 
 #: Of a value that becomes a word of a command line.
 _LONGEST = 400
@@ -20,7 +21,7 @@ class Field:
 
     name: str
     label: str
-    kind: str  # source, port, probe, camera-file, number, choice
+    kind: str  # source, port, probe, camera-file, number, choice, upload (UPLOAD is the file)
     initial: str = ""
     choices: tuple[str, ...] = ()
 
@@ -42,6 +43,12 @@ class Task:
     writes: str = ""  # field whose camera file it writes
     setting: str = ""  # of the daemon, that the file is for
     next_step: str = ""
+    of_card: bool = False  # only where the whole system is on a card of `make image`
+
+    @property
+    def takes_file(self) -> bool:
+        """Whether the owner sends a file before."""
+        return any(field.kind == "upload" for field in self.fields)
 
 
 _SOURCE = Field("source", "Camera", "source")
@@ -131,15 +138,29 @@ TASKS = (
         "the code.",
     ),
     Task(
+        "update", "Update this probe",
+        "Another version of the whole system: a file .raucb of the maker of this card. Settings "
+        "and calibration stay. The probe restarts.",
+        ("update", "{UPLOAD}", "--restart"), (Field("file", "Update", "upload"),),
+        ends_by_itself=True, minutes=3, of_card=True,
+        next_step="The probe starts with the new version: this page shows it in a minute. If it "
+        "does not run well, the former version is back after six minutes.",
+    ),
+    Task(
         "find-cameras", "Find cameras on the network",
         "A RICOH THETA in client mode announces itself.", ("find", "--cameras"),
     ),
 )  # fmt: skip
 
 
+def offered() -> list[Task]:
+    """Give those that this machine can do."""
+    return [task for task in TASKS if not task.of_card or card.can_update()]
+
+
 def named(name: str) -> Task:
     """Give a task; raises UsageError."""
-    for task in TASKS:
+    for task in offered():
         if task.name == name:
             return task
     raise UsageError(f"setup: {name[:40]!r}: no such task")
@@ -150,9 +171,11 @@ def words(
 ) -> list[str]:
     """The command line of a task, without its program; raises UsageError.
 
-    `folders`: FOLDER, for what is shown, and PAIR, of key, certificate and tokens; `cameras`: for
-    camera files, of which only names are given.
+    `folders`: FOLDER, for what is shown, PAIR, of key, certificate and tokens, and UPLOAD, the file
+    that was sent; `cameras`: for camera files, of which only names are given.
     """
+    if task.takes_file and not folders["UPLOAD"].is_file():
+        raise UsageError(f"setup: {task.name}: no file was sent before")
     filled = {name: str(folder) for name, folder in folders.items()}
     for field in task.fields:
         value = str(given.get(field.name, field.initial)).strip()

@@ -20,8 +20,9 @@ from aiohttp import web
 
 from lightprobe import __version__
 from lightprobe.errors import LightprobeError, UsageError
-from lightprobe.setup import choices, service, settings, tasks
+from lightprobe.setup import card, choices, service, settings, tasks
 from lightprobe.setup.job import Job
+from lightprobe.setup.upload import Upload
 
 #: Characters of the owner's token.
 LEAST_TOKEN = 32
@@ -53,7 +54,7 @@ class Setup:
         if len(token) < LEAST_TOKEN:
             raise LightprobeError("setup: the owner's token is too short to be one: use --new")
         self._token, self._config, self._daemon, self._page = token, config, daemon, page
-        self._pair = pair
+        self._pair, self._upload = pair, Upload(config.parent)
         self._job: Job | None = None
         self._running: asyncio.Task[None] | None = None
         self._busy = asyncio.Lock()
@@ -63,7 +64,8 @@ class Setup:
         app = web.Application(middlewares=[self._guard], client_max_size=_MOST_BYTES)
         app.add_routes([
             web.get("/api/state", self._state), web.put("/api/settings", self._set),
-            web.post("/api/restart", self._restart), web.post("/api/job", self._begin),
+            web.post("/api/restart", self._restart), web.put("/api/upload", self._receive),
+            web.post("/api/job", self._begin),
             web.get("/api/job", self._told), web.post("/api/job/answer", self._answer),
             web.post("/api/job/stop", self._stop),
             web.get("/api/job/files/{name}", self._file), web.get("/", self._index),
@@ -113,6 +115,7 @@ class Setup:
         found = settings.values(text)
         return web.json_response({
             "name": found.get("name", [socket.gethostname()])[0], "version": __version__,
+            "card": card.version(),
             "config": str(self._config), "settings": found, "text": text,
             "runs": await asyncio.to_thread(lambda: self._daemon.runs),
             "log": await asyncio.to_thread(self._daemon.log),
@@ -120,7 +123,7 @@ class Setup:
             "sources": [asdict(one) for one in choices.sources()],
             "ports": [asdict(one) for one in choices.ports()],
             "cameras": [asdict(one) for one in choices.camera_files(folder)],
-            "tasks": [asdict(task) for task in tasks.TASKS],
+            "tasks": [asdict(task) for task in tasks.offered()],
         })  # fmt: skip
 
     def _text(self) -> str:
@@ -143,6 +146,12 @@ class Setup:
             await asyncio.to_thread(service.restart, self._daemon, found)
         return web.json_response({})
 
+    async def _receive(self, request: web.Request) -> web.Response:
+        """Take a file for the task that is begun next."""
+        async with self._alone():
+            await self._upload.receive(request)
+        return web.json_response({})
+
     @contextlib.asynccontextmanager
     async def _alone(self) -> Any:
         """No task runs meanwhile, and nobody else changes anything."""
@@ -160,7 +169,11 @@ class Setup:
         given = {name: str(value) for name, value in _dict(wanted.get("fields")).items()}
         async with self._alone():
             job = Job(task, None)
-            folders = {"FOLDER": Path(job.folder.name), "PAIR": self._pair}
+            folders = {
+                "FOLDER": Path(job.folder.name),
+                "PAIR": self._pair,
+                "UPLOAD": self._upload.path,
+            }
             words = tasks.words(task, given, folders, self._config.parent)
             if task.writes:
                 field = next(one for one in task.fields if one.name == task.writes)
@@ -184,6 +197,8 @@ class Setup:
             job.say(str(error))
             job.end(1)
         finally:
+            if job.task.takes_file:
+                self._upload.remove()
             if frees:
                 try:
                     await asyncio.to_thread(self._daemon.start)
@@ -245,6 +260,7 @@ class Setup:
 
     async def _on_start(self, _app: web.Application) -> None:
         """Start the daemon: a task that was cut off may have left it ended."""
+        self._upload.remove()
         with contextlib.suppress(LightprobeError):  # its log says why, and the page shows that
             await asyncio.to_thread(self._daemon.start)
 

@@ -1,0 +1,303 @@
+"""Updates of a card: which half starts next, what the owner is told, and files that are sent."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import sys
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from lightprobe.errors import LightprobeError
+from lightprobe.setup import card, tasks
+from lightprobe.setup.upload import Upload
+from typer.testing import CliRunner
+
+IMAGE = Path(__file__).resolve().parents[3] / "packaging/image"
+sys.path.insert(0, str(IMAGE / "files/usr/lib/lightprobe/image"))
+
+import update  # noqa: E402
+
+
+def loader(boot: Path, running: str, ran: list[list[str]] | None = None) -> update.Loader:
+    """The halves of a card whose first partition is a folder."""
+    said = ran if ran is not None else []
+    return update.Loader(
+        boot, f"quiet rauc.slot={running}", lambda words: said.append([*words]) or ""
+    )
+
+
+def started(boot: Path) -> list[str]:
+    """What the boot loader's script does with the files: the halves, in the order it tries them."""
+    kept = "b" if (boot / "half.env").read_text() == "half=b\n" else "a"
+    order = [kept, update.other(kept)]
+    if (boot / "try").exists():
+        (boot / "try").unlink()
+        order.reverse()
+    return order
+
+
+@pytest.fixture
+def boot(tmp_path: Path) -> Path:
+    """As `make image` writes it."""
+    (tmp_path / "half.env").write_text("half=a\n")
+    return tmp_path
+
+
+def test_an_update_starts_once_and_is_kept_when_it_is_confirmed(boot: Path) -> None:
+    rauc = loader(boot, "a")
+    assert update.answer(rauc, ["get-primary"]) == "a"
+    assert update.answer(rauc, ["set-state", "b", "bad"]) == ""  # before it is written
+    assert update.answer(rauc, ["get-state", "b"]) == "bad"
+    assert update.answer(rauc, ["set-primary", "b"]) == ""
+    assert update.answer(rauc, ["get-primary"]) == "b"
+    assert update.answer(rauc, ["get-state", "b"]) == "good"
+    assert started(boot)[0] == "b"
+    trial = loader(boot, "b")
+    assert (trial.kept, trial.trial) == ("a", None)
+    assert update.answer(trial, ["set-state", "b", "good"]) == ""
+    assert started(boot)[0] == "b"
+    assert (boot / "half.env").read_bytes() == b"half=b\n"
+
+
+def test_a_trial_that_is_not_confirmed_is_over(boot: Path) -> None:
+    loader(boot, "a").start_next("b")
+    assert started(boot) == ["b", "a"]
+    assert started(boot) == ["a", "b"]
+
+
+def test_the_half_that_is_kept_cannot_be_spoilt(boot: Path) -> None:
+    with pytest.raises(OSError, match="there is no other"):
+        update.answer(loader(boot, "a"), ["set-state", "a", "bad"])
+    # What does not run has not shown that it is well.
+    assert update.answer(loader(boot, "a"), ["set-state", "b", "good"]) == ""
+    assert started(boot)[0] == "a"
+
+
+ASKED = [
+    *(["set-primary", half] for half in update.HALVES),
+    *(["set-state", half, state] for half in update.HALVES for state in ("good", "bad")),
+    ["restart"],
+]
+
+
+@given(asked=st.lists(st.sampled_from(ASKED), max_size=12))
+def test_the_kept_half_is_one_that_has_run(
+    asked: list[list[str]], tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    boot = Path(tmp_path_factory.mktemp("boot"))
+    (boot / "half.env").write_text("half=a\n")
+    running, have_run = "a", {"a"}
+    for words in asked:
+        if words == ["restart"]:
+            running = started(boot)[0]
+            have_run.add(running)
+            continue
+        one = loader(boot, running)
+        before = one.kept
+        try:
+            update.answer(one, words)
+        except OSError:
+            assert words == ["set-state", before, "bad"]
+        assert one.kept in have_run
+        assert one.kept == before or words == ["set-state", running, "good"]
+
+
+@pytest.mark.parametrize("text", [b"", b"half=c\n", b"\xff" * 512, b"half=a"])
+def test_a_damaged_file_means_the_first_half(boot: Path, text: bytes) -> None:
+    (boot / "half.env").write_bytes(text)
+    assert loader(boot, "a").kept == "a"
+    (boot / "half.env").unlink()
+    assert loader(boot, "a").kept == "a"
+
+
+@pytest.mark.parametrize(
+    "words", [[], ["get-state", "c"], ["set-state", "a", "ugly"], ["set-primary"], ["erase", "a"]]
+)
+def test_what_is_not_asked_is_refused(boot: Path, words: list[str]) -> None:
+    assert update.answer(loader(boot, "a"), words) is None
+
+
+class Clock:
+    """Simulated time."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.now_s = 1000.0
+        monkeypatch.setattr(update.time, "monotonic", lambda: self.now_s)
+        monkeypatch.setattr(update.time, "sleep", self.sleep)
+
+    def sleep(self, seconds: float) -> None:
+        """Go on."""
+        self.now_s += seconds
+
+
+@pytest.mark.parametrize(
+    ("well", "kept_after_s"),
+    [
+        (lambda s: True, 20.0),
+        (lambda s: s > 100, 120.0),  # a slow start
+        (lambda s: s % 15 < 10, None),  # it comes and goes
+        (lambda s: s < 15, None),  # it dies
+        (lambda s: s > 290, None),  # too late
+    ],
+)
+def test_a_trial_is_kept_when_it_is_well_for_a_while(
+    boot: Path, monkeypatch: pytest.MonkeyPatch, well, kept_after_s: float | None
+) -> None:
+    clock, ran = Clock(monkeypatch), []
+    one = loader(boot, "b")
+
+    def run(words: list[str]) -> str:
+        ran.append(words)
+        if words[0] == "rauc":  # which asks this program
+            one.set_good("b")
+        return ""
+
+    one.run = run
+    monkeypatch.setattr(one, "well", lambda: well(clock.now_s - 1000.0))
+    assert one.confirm() == (kept_after_s is not None)
+    assert (one.kept == "b") == (kept_after_s is not None)
+    if kept_after_s is not None:
+        assert clock.now_s - 1000.0 == pytest.approx(kept_after_s, abs=update.POLL_S)
+    else:
+        assert clock.now_s - 1000.0 <= update.PATIENCE_S + update.POLL_S
+
+
+def test_nothing_is_tried_without_an_update(boot: Path) -> None:
+    ran: list[list[str]] = []
+    assert loader(boot, "a", ran).confirm()
+    assert ran == []
+
+
+def test_a_half_is_well_when_services_run_and_the_page_answers(
+    boot: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ran: list[list[str]] = []
+    one = loader(boot, "b", ran)
+    monkeypatch.setattr(update.urllib.request, "urlopen", lambda *_, **__: None)
+    assert one.well()
+    assert ran[-1][:2] == ["systemctl", "is-active"]
+    assert {"lightprobed", "lightprobe-setup", "NetworkManager.service"} <= set(ran[-1])
+
+    def refused(*_: object, **__: object) -> None:
+        raise update.urllib.error.URLError("refused")
+
+    monkeypatch.setattr(update.urllib.request, "urlopen", refused)
+    assert not one.well()
+
+
+# ------------------------------------------------------------------ the command
+
+RAUC = """#!/bin/sh
+case $1 in
+install)
+	echo installing
+	printf '  0%% Installing\\n 40%% Copying image to rootfs.1\\n'
+	[ -s "$2" ] && { printf '100%% Installing done.\\nidle\\n'; exit 0; }
+	printf 'LastError: %s\\nInstalling `/x` failed\\n' "$(cat {folder}/error)"
+	exit 1 ;;
+status) cat {folder}/status ;;
+esac
+"""
+STATUS = {
+    "compatible": "lightprobe-pi4", "booted": "a", "boot_primary": "rootfs.1",
+    "slots": [
+        {"rootfs.1": {"bootname": "b", "boot_status": "good"}},
+        {"rootfs.0": {"bootname": "a", "boot_status": "good"}},
+    ],
+}  # fmt: skip
+
+
+@pytest.fixture
+def machine(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A machine that runs from a card, as far as the command sees it."""
+    (tmp_path / "rauc").write_text(RAUC.replace("{folder}", str(tmp_path)))
+    (tmp_path / "rauc").chmod(0o755)
+    (tmp_path / "version").write_text("202611301200-abc\n")
+    (tmp_path / "status").write_text(json.dumps(STATUS))
+    monkeypatch.setenv("PATH", f"{tmp_path}:/usr/bin:/bin")
+    monkeypatch.setattr(card, "VERSION", tmp_path / "version")
+    return tmp_path
+
+
+def run(*words: str) -> tuple[int, str]:
+    """Exit status and words of `lightprobe`."""
+    from lightprobe.cli.main import app
+
+    done = CliRunner().invoke(app, ["update", *words])
+    return done.exit_code, done.output + (str(done.exception) if done.exception else "")
+
+
+def test_the_command_says_what_runs(machine: Path) -> None:
+    status, said = run()
+    assert status == 0
+    assert "version 202611301200-abc, half a" in said
+    assert "at the next start: half b" in said
+    assert json.loads(run("--json")[1])["starts_next"] == "b"
+    slots = [{"rootfs.0": {"bootname": "a", "boot_status": "bad"}}]
+    (machine / "status").write_text(json.dumps(STATUS | {"slots": slots}))
+    assert "a trial" in run()[1]
+
+
+def test_an_update_is_written_with_its_progress(machine: Path) -> None:
+    (machine / "new.raucb").write_text("x")
+    status, said = run(str(machine / "new.raucb"))
+    assert status == 0, said
+    assert " 40 %  Copying image to rootfs.1" in said
+    assert "kept if it runs well" in said
+
+
+@pytest.mark.parametrize(
+    ("rauc", "meant"),
+    [
+        ("signature verification failed: self-signed certificate", "not signed with the key"),
+        (
+            "Compatible mismatch: Expected 'lightprobe-pi4' but bundle manifest has 'x'",
+            "for another machine",
+        ),
+        ("Invalid bundle format: Signature size (55085) exceeds bundle size", "no update, or only a part"),
+        ("Input/output error", "nothing was changed"),
+    ],
+)
+def test_a_refusal_names_file_reason_and_next_step(machine: Path, rauc: str, meant: str) -> None:
+    (machine / "bad.raucb").write_text("")
+    (machine / "error").write_text(rauc)
+    status, said = run(str(machine / "bad.raucb"))
+    assert status == 1
+    assert "update: bad.raucb: " in said
+    assert meant.lower() in said.lower()
+    assert rauc in said
+
+
+def test_where_there_is_no_card_nothing_is_offered(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(card, "VERSION", tmp_path / "none")
+    assert "was not started from a card" in run()[1]
+    (tmp_path / "x.raucb").write_text("x")
+    assert "does not run from a card" in run(str(tmp_path / "x.raucb"))[1]
+    assert not [task for task in tasks.offered() if task.of_card]
+
+
+# ------------------------------------------------------------------ files that are sent
+
+
+def test_a_task_needs_its_file(machine: Path) -> None:
+    task = tasks.named("update")
+    folders = {"UPLOAD": machine / "upload"}
+    given_fields = {"file": "C:\\fakepath\\new.raucb"}
+    with pytest.raises(LightprobeError, match="no file was sent"):
+        tasks.words(task, given_fields, folders, machine)
+    (machine / "upload").write_text("x")
+    assert tasks.words(task, given_fields, folders, machine) == [
+        "update", str(machine / "upload"), "--restart",
+    ]  # fmt: skip
+
+
+def test_what_an_earlier_run_left_goes(tmp_path: Path) -> None:
+    for name in ("upload", ".upload.part"):
+        (tmp_path / name).write_text("x")
+    Upload(tmp_path).remove()
+    assert not list(itertools.chain(tmp_path.glob("*"), tmp_path.glob(".*")))
