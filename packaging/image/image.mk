@@ -11,5 +11,5 @@ image: $(STAMPS)/sysroot-arm64 $(call apt,image) build ## make the image of a ca
 	@/usr/bin/python3 packaging/image/make_image.py --out $(BUILD)/image --daemon $(BUILD)/arm64/bin/lightprobed \
 		--keys "$(UPDATE_KEYS)" --version $(IMAGE_VERSION)
 
-test-image: image ## boot the image in QEMU: first start, light in a client, set-up page, power cuts
+test-image: image ## boot the image in QEMU: first start, light in a client, set-up page, updates, power cuts
 	@$(VENV)/bin/pytest -q -s tests/image

@@ -6,7 +6,9 @@ modprobe mac80211_hwsim radios=2
 umask 077 # NetworkManager reads no file that others may read
 joined=
 address=
+update=
 while sleep 10; do
+	[ -n "$update" ] || update=$(lightprobe update --json 2>&1 | tr -d ' \n')
 	[ -n "$address" ] || iw dev | grep -q 'type AP' || nmcli --wait 60 connection up lightprobe
 	if [ -z "$address" ] && iw dev | grep -q 'type AP'; then
 		point=$(iw dev | awk '/Interface/ { name = $2 } /type AP/ { print name }')
@@ -27,5 +29,5 @@ while sleep 10; do
 	written=$(awk '{ print $7 * 512 }' /sys/class/block/vda/stat)
 	failed=$(systemctl list-units --failed --plain --no-legend | cut -d' ' -f1 | tr '\n' ,)
 	echo "report uptime_s=$(cut -d. -f1 /proc/uptime) used_mb=$used root=$root data_mb=$data written_bytes=$written" \
-		"name=$(hostname) failed=$failed address=$address joined=$(echo "$joined" | tr ' ' _)"
+		"name=$(hostname) update=$update failed=$failed address=$address joined=$(echo "$joined" | tr ' ' _)"
 done

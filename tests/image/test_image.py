@@ -7,6 +7,7 @@ tests do not depend on their order.
 
 from __future__ import annotations
 
+import json
 import random
 import re
 import signal
@@ -138,7 +139,7 @@ def test_a_client_receives_light_once_the_page_has_chosen_a_camera(
 
 
 @pytest.mark.usefixtures("chosen")
-def test_memory_and_the_card(started: Machine) -> None:
+def test_memory_and_the_card(started: Machine, owner: str) -> None:
     """By what the machine tells of itself while the daemon measures and the page is served."""
     report = reported(started)
     print(report)
@@ -147,6 +148,9 @@ def test_memory_and_the_card(started: Machine) -> None:
     assert report["root"] == "ro"
     assert int(report["data_mb"]) > MORE_MB  # it has grown
     assert report["failed"] == ""
+    halves = json.loads(report["update"])
+    assert (halves["running"], halves["starts_next"], halves["kept"]) == ("a", "a", True)
+    assert halves["version"] == state(started, owner)["card"]
     later = reported(started)
     while (seconds := int(later["uptime_s"]) - int(report["uptime_s"])) < SERVICE_S:
         later = reported(started)
@@ -215,6 +219,7 @@ def test_the_image_is_small() -> None:
     """Prints the figures of docs/users/image.md."""
     packed = IMAGE.with_suffix(".img.xz").stat().st_size / 1e6
     FIGURES["the image, compressed"] = f"{packed:.0f} MB"
+    FIGURES["an update"] = f"{IMAGE.with_suffix('.raucb').stat().st_size / 1e6:.0f} MB"
     FIGURES["on the card"] = f"{IMAGE.stat().st_size / 1e6:.0f} MB"
     lines = ["| | |", "| --- | --- |", *(f"| {one} | {of} |" for one, of in FIGURES.items())]
     print("\n" + "\n".join(lines))
