@@ -11,6 +11,20 @@ const MOST_TICK_MS = 500;
 const TOO_LONG = "takes too long to read: it is damaged, or made to hold this page up. Record one with `lightprobe record`";
 const NOT_STARTED = "the page's own file reader.js, which reads it, did not start: copy all files of the page beside it, and reload the page";
 
+/** Started before it is needed: the probe that serves the page may be gone when a recording is opened. */
+let idle: Worker | undefined = started();
+
+function started(): Worker {
+  return waiting(new Worker(new URL("reader.js", document.baseURI)));
+}
+
+/** One that fails while it waits is not taken. */
+function waiting(worker: Worker): Worker {
+  worker.onmessage = null;
+  worker.onerror = () => { if (idle === worker) idle = undefined; };
+  return worker;
+}
+
 /** The one that reads now: a file that is opened meanwhile takes its place. */
 let stop = (): void => {};
 
@@ -49,15 +63,19 @@ class Clock {
  */
 export function readInWorker(file: File, told: (share: number) => void): Promise<Recorded[] | undefined> {
   stop();
-  const worker = new Worker(new URL("reader.js", document.baseURI)), clock = new Clock();
+  const worker = idle ?? started(), clock = new Clock();
+  let isFree = false;
+  idle = undefined;
   const end = (): void => {
     clock.stop();
-    worker.terminate();
+    if (!isFree) worker.terminate();
+    idle = isFree ? waiting(worker) : started();
   };
   return new Promise<Recorded[] | undefined>((done, failed) => {
     stop = () => done(undefined);
     worker.onerror = (event) => failed(new Error(event.message || NOT_STARTED));
     worker.onmessage = ({ data }: MessageEvent<FromReader>) => {
+      isFree = data.kind === "error" || data.kind === "recording";
       if (data.kind === "begun") clock.begin(() => failed(new Error(TOO_LONG)));
       else if (data.kind === "error") failed(new Error(data.text));
       else if (data.kind === "recording") done(unpack(data.packed));

@@ -233,9 +233,13 @@ test("from a folder of any web server it plays a recording, too; without reader.
     return answer.setHeader("content-type", types[name.split(".")[1]!]!).end(readFileSync(join(WEB, name)));
   });
   await new Promise<void>((done) => { server.listen(0, "127.0.0.1", done); });
-  const page = await viewer(`http://127.0.0.1:${(server.address() as { port: number }).port}/viewer/`);
+  const address = `http://127.0.0.1:${(server.address() as { port: number }).port}/viewer/`;
+  let page = await viewer(address);
   assert.equal((await dropped(page, "room.mcap", Buffer.from(bytes))).text, "");
-  hasReader = false;
+  hasReader = false; // as when the probe that serves the page is gone
+  assert.equal((await dropped(page, "next.mcap", Buffer.from(bytes))).text, "");
+  await page.close();
+  page = await viewer(address);
   assert.match((await dropped(page, "again.mcap", Buffer.from(bytes))).text, /^again\.mcap: .*reader\.js, which reads it, did not start: copy all files of the page/);
   await page.close();
   server.close();
