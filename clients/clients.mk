@@ -27,6 +27,8 @@ $(BUILD)/web/index.html: $(JS)/built
 	@cd $(JS) && node_modules/.bin/esbuild web/main.ts --bundle --format=esm --minify --legal-comments=linked \
 		--target=es2022 --outfile=../web/main.js --log-level=warning
 	@cd $(JS) && for package in three js-aruco2 fzstd; do printf '\n%s\n\n' "$$package"; cat node_modules/$$package/LICENSE*; done >> ../web/main.js.LEGAL.txt
+	@cd $(JS) && node_modules/.bin/esbuild web/reader.ts --bundle --format=iife --minify --target=es2022 \
+		--legal-comments=eof --outfile=../web/reader.js --log-level=warning
 	@cd $(JS) && node_modules/.bin/esbuild web/setup.ts --bundle --format=esm --minify --target=es2022 \
 		--outfile=../web/setup.js --log-level=warning
 	@cd $(JS) && node_modules/.bin/esbuild web/study.ts --bundle --format=iife --minify --target=es2022 \

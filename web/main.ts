@@ -7,12 +7,13 @@ import { isTruthShown, comparedAt, wireComparison } from "./compare.js";
 import { kindOf, wireFiles } from "./files.js";
 import { Probe, fallbackEstimate, irradiance, luminance } from "../src/index.js";
 import type { Estimate, ProbeOptions, ReflectionMapWish, Vec3 } from "../src/index.js";
-import { dismiss, say } from "./messages.js";
+import { dismiss, say, showWork } from "./messages.js";
 import { show } from "./panel.js";
 import { Mirrored, isPlaced, lightThere } from "./places.js";
 import { mainLightAndAmbient } from "./plain_light.js";
 import { Plan } from "./plan.js";
-import { checkSize, readRecording } from "./recording.js";
+import { readInWorker } from "./reading.js";
+import { checkSize, type Recorded } from "./recording.js";
 import { replayed } from "./replay.js";
 import type { Behind, What } from "./scene.js";
 import { wireShading } from "./shading_panel.js";
@@ -154,7 +155,7 @@ async function openFile(file: File): Promise<void> {
   const show = async (): Promise<void> => {
     if (kindOf(file.name) === "recording") {
       checkSize(file.size);
-      return play(file.name, new Uint8Array(await file.arrayBuffer()));
+      return playFile(file);
     }
     if (!view) throw new Error("this browser has no WebGL 2, which the picture needs");
     await view.stage.load(file);
@@ -208,9 +209,20 @@ function follow(): void {
   });
 }
 
-/** Plays a recording in place of the probe; throws what keeps it from it. What was asked for when it was recorded is what there is. */
-function play(name: string, bytes: Uint8Array): void {
-  const socket = replayed(readRecording(bytes));
+/** Plays a recording, once it is read, unless another file is opened before; throws what keeps it from it. */
+async function playFile(file: File): Promise<void> {
+  const work = showWork(`${file.name}: reading the recording`);
+  try {
+    const recorded = await readInWorker(file, work.show);
+    if (recorded) play(file.name, recorded);
+  } finally {
+    work.end();
+  }
+}
+
+/** Plays messages in place of the probe. What was asked for when they were recorded is what there is. */
+function play(name: string, recorded: Recorded[]): void {
+  const socket = replayed(recorded);
   probe.close();
   [recording, hadMaps] = [name, false];
   probe = new Probe("ws://recording/", { WebSocket: socket });

@@ -14,3 +14,21 @@ export function say(problem: string): void {
 export function dismiss(): void {
   element("problem").hidden = true;
 }
+
+/** Work that is done sooner is not worth a word. */
+const QUIET_MS = 500;
+
+/** Says what the page does until it ends, and how far it is; what began last is what is shown. */
+export function showWork(what: string): { show: (share: number) => void; end: () => void } {
+  const line = element("work");
+  const timer = setTimeout(() => { line.hidden = false; }, QUIET_MS);
+  line.textContent = what;
+  line.hidden = true;
+  return {
+    show: (share) => { line.textContent = `${what}: ${Math.floor(100 * share)} %`; },
+    end: () => {
+      clearTimeout(timer);
+      line.hidden = true;
+    },
+  };
+}

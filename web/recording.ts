@@ -1,5 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-/** Reads what `lightprobe record` writes: an MCAP file (https://mcap.dev) of a probe's messages. No DOM in this file. */
+/**
+ * Reads what `lightprobe record` writes: an MCAP file (https://mcap.dev) of a probe's messages. No DOM in this file.
+ * A made-up chunk of 18 bytes holds the unpacking up for minutes, and another one for ever: a page calls this in a Worker (reader.ts).
+ */
 import { decompress } from "fzstd";
 
 /** One message as it came, and when, from the first. */
@@ -13,6 +16,9 @@ const MOST_BYTES = 16 << 20;
 /** A tab takes so much and no more: hours of a probe. Without it, a file of a few KB could unpack until the tab hangs. */
 const MOST_FILE_BYTES = 256 << 20, MOST_UNPACKED_BYTES = 256 << 20, MOST_RECORDS = 300_000;
 const SHORTER = "record a shorter one (`lightprobe record room.mcap --seconds 60`), or play it with `lightprobe replay`";
+
+/** Told how far it is: the share of the file that is read, and what has been unpacked so far. */
+export type Told = (share: number, unpackedBytes: number) => void;
 
 /** Nothing of such a file is played, not even what comes before the place that is at fault. */
 class Refused extends Error {}
@@ -28,6 +34,11 @@ class Reader {
 
   constructor(readonly bytes: Uint8Array) {
     this.#view = new DataView(bytes.buffer, bytes.byteOffset, bytes.byteLength);
+  }
+
+  /** How much of it is read. */
+  get share(): number {
+    return this.#at / Math.max(1, this.bytes.length);
   }
 
   get left(): number {
@@ -62,14 +73,19 @@ class Parser {
   #records = 0;
   #unpackedBytes = 0;
 
+  constructor(readonly told: Told) {}
+
   /** All records of the file, or of a chunk. */
   read(reader: Reader, isChunk = false): void {
     while (reader.left > 0) {
       const kind = reader.u8(), record = new Reader(reader.take(reader.u64()));
       if (++this.#records > MOST_RECORDS) throw new Refused(`holds more than ${MOST_RECORDS} messages and other records, which this page does not play: ${SHORTER}`);
       if (kind === CHUNK && isChunk) throw new Refused("has a chunk within a chunk, which MCAP does not allow: record one with `lightprobe record`");
-      if (kind === CHUNK) this.read(new Reader(this.#unpacked(record)), true);
-      else if (kind === SCHEMA) this.#readSchema(record);
+      if (kind === CHUNK) {
+        this.read(new Reader(this.#unpacked(record)), true);
+        this.told(reader.share, this.#unpackedBytes);
+      }
+      if (kind === SCHEMA) this.#readSchema(record);
       else if (kind === CHANNEL) this.#readChannel(record);
       else if (kind === MESSAGE) this.#readMessage(record);
       if (reader.left === MAGIC.length) return; // the file ends as it begins
@@ -86,7 +102,7 @@ class Parser {
     this.#unpackedBytes += Math.max(size, data.length);
     if (this.#unpackedBytes > MOST_UNPACKED_BYTES) throw new Refused(`unpacks to more than ${MOST_UNPACKED_BYTES >> 20} MiB, which this page does not play: ${SHORTER}`);
     if (compression === "") return data;
-    if (compression !== "zstd") throw new Error(`compression ${compression}: expected zstd, as lightprobe record writes it`);
+    if (compression !== "zstd") throw new Error(`compression ${compression.slice(0, 20)}: expected zstd, as lightprobe record writes it`);
     return decompress(data, new Uint8Array(size));
   }
 
@@ -110,9 +126,9 @@ class Parser {
 }
 
 /** The messages of a recording in the order of the file, as far as it goes; Error for a file that holds none, or more than a tab plays. */
-export function readRecording(bytes: Uint8Array): Recorded[] {
+export function readRecording(bytes: Uint8Array, told: Told = () => {}): Recorded[] {
   checkSize(bytes.length);
-  const reader = new Reader(bytes), parser = new Parser();
+  const reader = new Reader(bytes), parser = new Parser(told);
   if (bytes.length < MAGIC.length || !reader.take(MAGIC.length).every((value, i) => value === MAGIC[i]))
     throw new Error("is no MCAP file: record one with `lightprobe record`");
   let why = "";

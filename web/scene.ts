@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 /** The objects: a still life, spheres of several materials or a loaded object, on a round table or on the picture of a camera; and what turns the view. */
 import * as THREE from "three";
-import { GLTFLoader } from "three/examples/jsm/loaders/GLTFLoader.js";
 import type { Estimate, ReflectionMap } from "../src/index.js";
 import { ShadowCatcher } from "../src/three.js";
 import { dispose } from "./disposed.js";
 import { BY_FORMULA, DIAMETER_M, MIRRORS, PHYSICAL, SPHERES, SURFACES, mirroringOnly } from "./materials.js";
+import { loadedObject } from "./object.js";
 import { STILL_LIFE_HALF_M, stillLife, type Piece } from "./still_life.js";
 import type { Surface } from "./surface.js";
 import { Surroundings } from "./surroundings.js";
@@ -129,9 +129,9 @@ export class Stage {
     }
   }
 
-  /** Show an object of a file; throws what the loader throws. */
+  /** Show an object of a file; throws what the loader throws, and what keeps the page from it. */
   async load(file: File): Promise<void> {
-    const { scene } = await new GLTFLoader().parseAsync(await file.arrayBuffer(), "");
+    const scene = await loadedObject(file);
     const box = new THREE.Box3().setFromObject(scene), size = box.getSize(new THREE.Vector3());
     scene.scale.multiplyScalar(LONGEST_SIDE_M / Math.max(size.x, size.y, size.z, 1e-6));
     box.setFromObject(scene);
