@@ -12,13 +12,12 @@ from typing import Annotated
 
 import segno
 import typer
-from aiohttp import web
 
 from lightprobe import installation
 from lightprobe.cli import pair
 from lightprobe.cli.listening import listen
 from lightprobe.errors import LightprobeError
-from lightprobe.setup import service
+from lightprobe.setup import door, service
 from lightprobe.setup.web import LEAST_TOKEN, Setup
 
 _OWNER = "owner"
@@ -79,9 +78,7 @@ def command(
         site = f"{'https' if tls else 'http'}://{f'[{host}]' if ':' in host else host}"
         _tell(f"{site}:{listening.getsockname()[1]}/setup.html", token, folder, network)
         try:
-            web.run_app(
-                setup.application(), sock=listening, ssl_context=tls, print=None, access_log=None,
-            )  # fmt: skip
+            door.serve(setup.application(), listening, tls)
         finally:
             if isinstance(probe, service.Child):
                 probe.stop()

@@ -20,7 +20,7 @@ from aiohttp import web
 
 from lightprobe import __version__
 from lightprobe.errors import LightprobeError, UsageError
-from lightprobe.setup import choices, service, settings, tasks
+from lightprobe.setup import choices, door, service, settings, tasks
 from lightprobe.setup.job import Job
 
 #: Characters of the owner's token.
@@ -80,6 +80,7 @@ class Setup:
         try:
             if request.path.startswith("/api/"):
                 await self._check_owner(request)
+                door.prove(request)
             response = await handler(request)
         except web.HTTPException as error:
             response = _problem(error.status, error.text or error.reason)
