@@ -196,6 +196,7 @@ class Root(LazyGroup):
         "record": Entry("record:record", "Record a probe's messages (MCAP).", "record"),
         "replay": Entry("record:replay", "Serve a recording as a probe.", "record"),
         "setup": Entry("setup:command", "Serve a page to set up this probe in a browser.", "setup"),
+        "wifi": Entry("wifi:app", "List Wi-Fi networks, join one, forget one.", "setup"),
         "panel": Entry("panel:command", "Show the probe by an LED, and take a button.", "panel"),
         "pair": Entry("pair:command", "Make key, certificate and token for wss:.", "pair"),
         "study": Entry("study:app", "Ask people which pictures look real.", "study"),

@@ -17,6 +17,7 @@ from lightprobe import installation
 from lightprobe.cli import pair
 from lightprobe.cli.listening import listen
 from lightprobe.errors import LightprobeError
+from lightprobe.network.wifi import Folders, Wifi
 from lightprobe.setup import door, service
 from lightprobe.setup.web import LEAST_TOKEN, Setup
 
@@ -47,6 +48,12 @@ def command(
     new: Annotated[
         bool, typer.Option("--new", help="Make another owner's token: the former is out.")
     ] = False,
+    networks: Annotated[
+        Path | None,
+        typer.Option(
+            help="Folder where NetworkManager keeps Wi-Fi networks; default: this machine's."
+        ),
+    ] = None,
     page: Annotated[
         Path | None, typer.Option(help="Folder of setup.html; default: the installed one.")
     ] = None,
@@ -73,7 +80,8 @@ def command(
     with tempfile.TemporaryDirectory(prefix="lightprobe-setup-") as scratch:
         probe = _service(config, Path(scratch))
         listening = listen("setup", network, port)
-        setup = Setup(token, config, probe, page, folder)
+        wifi = Wifi(Folders.of_machine(networks))
+        setup = Setup(token, config, probe, page, folder, wifi)
         host = pair.shown_host(hosts) if network else "127.0.0.1"
         site = f"{'https' if tls else 'http'}://{f'[{host}]' if ':' in host else host}"
         _tell(f"{site}:{listening.getsockname()[1]}/setup.html", token, folder, network)
