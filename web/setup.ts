@@ -12,6 +12,13 @@ interface State {
 }
 interface Told { task: string; status: number | null; waits: boolean; said: number; lines: string[]; seconds: number; files: string[]; written: string | null }
 
+interface Network { name: string; ssid: string; security: string; signal_percent: number | null; joined: boolean; known: boolean }
+interface Link { kind: string; name: string; device: string; is_up: boolean }
+interface Networks {
+  page: string; works: boolean; why: string; last: { what: string; name: string; problem: string } | null;
+  view: { links: Link[]; networks: Network[]; own_access_point: string } | null;
+}
+
 const element = <T extends HTMLElement>(id: string): T => document.getElementById(id) as T;
 const owner = new URLSearchParams(location.hash.slice(1)).get("owner") ?? "";
 const MOST_LINES = 2000;
@@ -285,6 +292,96 @@ async function follow(): Promise<void> {
   }
 }
 
+// ------------------------------------------------------------------ network
+
+const joining = element<HTMLFormElement>("join");
+const field = (name: string): HTMLInputElement => joining.elements.namedItem(name) as HTMLInputElement;
+const NEEDS_NO_PASSWORD = new Set(["open", "OWE"]);
+let chosen: Network | undefined; // whose name is in the form
+
+function linkWords(links: Link[]): string {
+  if (!links.length) return "Connected by nothing.";
+  const words = links.map(({ kind, name, device, is_up }) => `${kind === "access point" ? "its own Wi-Fi" : kind} ${name} (${device})${is_up ? "" : ", on its way"}`);
+  return `Connected by ${words.join("; ")}.`;
+}
+
+/** Said before: joining may cut this page off. */
+function noteWords(own: string): string {
+  return own
+    ? `The probe has opened a Wi-Fi of its own, ${own}. Joining another closes it, and a page that was opened in it is cut off. If joining fails, the probe's own Wi-Fi comes back within two minutes, and this page says why. Else let this device join the same network; the page is then at `
+    : "After joining another network, this page is for devices in that network, at ";
+}
+
+function showNote({ page, view }: Networks): void {
+  const link = Object.assign(document.createElement("a"), { href: page + location.hash, textContent: page });
+  element("network-note").replaceChildren(...(view ? [noteWords(view.own_access_point), link] : []));
+}
+
+function endWords({ works, last }: Networks): string {
+  if (!last) return "";
+  if (works) return `${last.what === "join" ? "Joining" : "Forgetting"} ${last.name}: up to two minutes.`;
+  return last.problem || `${last.name} is ${last.what === "join" ? "joined" : "forgotten"}.`;
+}
+
+function networkButton(text: string, work: () => Promise<void>): HTMLButtonElement {
+  const made = Object.assign(document.createElement("button"), { type: "button", textContent: text });
+  made.addEventListener("click", () => void act(work));
+  return made;
+}
+
+function networkRow(network: Network): HTMLLIElement {
+  const row = document.createElement("li");
+  const about = [network.signal_percent === null ? "not in reach" : `${network.signal_percent} %`, network.security, network.joined ? "joined" : network.known ? "known" : ""];
+  row.append(
+    Object.assign(document.createElement("b"), { textContent: network.name }),
+    Object.assign(document.createElement("span"), { className: "dim", textContent: about.filter(Boolean).join(", ") }),
+  );
+  if (!network.joined && network.signal_percent !== null) row.append(networkButton("Join", () => choose(network)));
+  if (network.known) row.append(networkButton("Forget", () => alter("forget", { ssid: network.ssid })));
+  return row;
+}
+
+/** Join it, or ask for its password. */
+async function choose(network: Network): Promise<void> {
+  if (network.known || NEEDS_NO_PASSWORD.has(network.security)) return alter("join", { ssid: network.ssid });
+  field("network").value = network.name;
+  chosen = network;
+  field("password").focus();
+}
+
+async function alter(what: "join" | "forget", body: unknown): Promise<void> {
+  await ask("POST", `network/${what}`, body);
+  await followNetwork();
+}
+
+function showNetworks(told: Networks): void {
+  element("links").textContent = told.view ? linkWords(told.view.links) : told.why;
+  showNote(told);
+  element("networks").replaceChildren(...(told.view?.networks ?? []).map(networkRow));
+  element("network-state").textContent = endWords(told);
+  joining.hidden = !told.view;
+  for (const button of document.querySelectorAll<HTMLButtonElement>("#network button")) button.disabled = told.works;
+}
+
+/** Show how it stands, until nothing changes any more. */
+async function followNetwork(): Promise<void> {
+  for (;;) {
+    const told = await patiently(() => ask<Networks>("GET", "network"));
+    showNetworks(told);
+    if (!told.works) return;
+    await new Promise((done) => setTimeout(done, 1000));
+  }
+}
+
+field("network").addEventListener("input", () => { chosen = undefined; });
+joining.addEventListener("submit", (event) => {
+  event.preventDefault();
+  const password = field("password").value;
+  field("password").value = "";
+  void act(() => alter("join", { ...(chosen ? { ssid: chosen.ssid } : { name: field("network").value }), password }));
+});
+element("look-again").addEventListener("click", () => void act(followNetwork));
+
 element("continue").addEventListener("click", () => void act(() => ask("POST", "job/answer", { skip: false })));
 element("skip").addEventListener("click", () => void act(() => ask("POST", "job/answer", { skip: true })));
 element("stop").addEventListener("click", () => void act(() => ask("POST", "job/stop")));
@@ -293,6 +390,7 @@ void act(async () => {
   if (!owner) throw new Error("This page needs the owner's token: open the address that `lightprobe setup` prints.");
   await look();
   element("tasks").replaceChildren(...state!.tasks.map(card));
+  void act(followNetwork);
   const told = await ask<Told>("GET", "job?after=0").catch(() => undefined);
   if (told) await follow(); // begun before this page was opened, or opened anew
 });

@@ -3,18 +3,22 @@
 import assert from "node:assert/strict";
 import { once } from "node:events";
 import { spawn, type ChildProcess } from "node:child_process";
-import { existsSync, mkdtempSync, readFileSync, rmSync, writeFileSync } from "node:fs";
+import { existsSync, mkdirSync, mkdtempSync, readFileSync, readdirSync, rmSync, writeFileSync } from "node:fs";
 import { tmpdir } from "node:os";
 import { join, resolve } from "node:path";
 import { createInterface } from "node:readline";
 import { after, before, test } from "node:test";
-import type { Browser, Page } from "playwright-core";
+import type { Browser, Locator, Page } from "playwright-core";
 import { LONG_MS, launch } from "./chromium.js";
 import { WEB, panorama } from "./daemon.js";
 import { ROOT } from "./golden.js";
 
 const LIGHTPROBE = resolve(ROOT, "build/venv/bin/lightprobe");
 const folder = mkdtempSync(join(tmpdir(), "lp-setup-")), config = join(folder, "lightprobed.conf");
+/** What a program that stands for nmcli is told (tests/fakes/nmcli), and what is in the air. */
+const air = join(folder, "nmcli.json"), networks = join(folder, "networks");
+const PASSWORD = "right: \\password", HOSTILE = "<img src=x onerror=alert(1)>\u202e\n";
+const hex = (text: string): string => Buffer.from(text).toString("hex");
 const PICTURES = process.env["PICTURES"];
 let browser: Browser, setup: ChildProcess, simulator: ChildProcess, address = "";
 
@@ -27,7 +31,16 @@ before(async () => {
     await new Promise((done) => setTimeout(done, 100));
   }
   writeFileSync(config, `# mine\nname = hall\nsource = sim:${camera}\npublish = unix:${folder}/probe\n`);
-  setup = spawn(LIGHTPROBE, ["setup", "--config", config, "--port", "0", "--dir", join(folder, "pair"), "--page", WEB], { stdio: ["ignore", "pipe", "inherit"] });
+  mkdirSync(networks);
+  const wpa2 = { signal: 60, security: "WPA2", rsn: "psk", password: PASSWORD };
+  const point = { uuid: "11", id: "lightprobe", ssid: hex("lightprobe-1"), psk: "x", mode: "ap" };
+  writeFileSync(air, JSON.stringify({
+    radio: "connected", saved: { 11: point }, active: "11",
+    air: [{ ...wpa2, ssid: hex("Café ☕") }, { ...wpa2, ssid: hex(HOSTILE), signal: 30 }, { ...wpa2, ssid: hex("work"), security: "WPA2 802.1X", rsn: "802.1X" }],
+  }));
+  setup = spawn(LIGHTPROBE, ["setup", "--config", config, "--port", "0", "--dir", join(folder, "pair"), "--page", WEB, "--networks", networks], {
+    stdio: ["ignore", "pipe", "inherit"], env: { ...process.env, PATH: `${join(ROOT, "tests/fakes")}:${process.env["PATH"]}`, FAKE_NMCLI: air },
+  });
   const [line] = (await once(createInterface(setup.stdout!), "line")) as [string];
   address = line;
   browser = await launch();
@@ -145,6 +158,49 @@ test("a restart while a task runs is told", { timeout: 2 * LONG_MS }, async () =
   await shows(page, "running-state", /the probe has restarted/);
   await shows(page, "status", /^runs/);
   assert.equal(await page.locator("#problem").isVisible(), false);
+  await page.close();
+});
+
+/** The row of a network. */
+const row = (page: Page, name: string): Locator => page.locator("#networks li", { hasText: name });
+
+test("a network is joined, or the probe's own Wi-Fi is back, and the page says so before and after", { timeout: 4 * LONG_MS }, async () => {
+  const page = await opened(address);
+  await shows(page, "links", /^Connected by its own Wi-Fi lightprobe-1 \(wlan0\)\.$/);
+  await shows(page, "network-note", /cut off.*back within two minutes.*http:\/\/127\.0\.0\.1:\d+\/setup\.html$/);
+  assert.match((await page.locator("#network-note a").getAttribute("href"))!, /\/setup\.html#owner=.{32}$/);
+  assert.equal(await page.locator("#networks img").count(), 0); // names are text
+  assert.equal(await page.locator("#networks li").nth(2).locator("b").textContent(), "<img src=x onerror=alert(1)>\\xe2\\x80\\xae\\x0a");
+  if (PICTURES) await page.screenshot({ path: join(PICTURES, "setup_network.png"), fullPage: true });
+  const tryIt = async (password: string): Promise<void> => {
+    await row(page, "Café").getByText("Join").click();
+    assert.equal(await page.locator("[name=network]").inputValue(), "Café ☕");
+    await page.locator("[name=password]").fill(password);
+    await page.locator("#join button").first().click();
+  };
+  await tryIt("wrong password");
+  await shows(page, "network-state", /^Joining Café ☕/);
+  assert.equal(await page.locator("[name=password]").inputValue(), "");
+  assert.ok(await page.locator("#join button").first().isDisabled());
+  await shows(page, "network-state", /the password is wrong.*its own Wi-Fi lightprobe-1 is back$/);
+  assert.deepEqual(readdirSync(networks), []);
+  await row(page, "work").getByText("Join").click();
+  await page.locator("[name=password]").fill("12345678");
+  await page.locator("#join button").first().click();
+  await shows(page, "network-state", /enterprise/);
+  await tryIt(PASSWORD);
+  await shows(page, "network-state", /^Café ☕ is joined\.$/);
+  await shows(page, "links", /^Connected by wifi Café ☕ \(wlan0\)\.$/);
+  assert.match((await row(page, "Café").textContent())!, /60 %, WPA2, joined/);
+  assert.doesNotMatch(readFileSync(`${air}.calls`, "utf-8"), /password/);
+  await row(page, "Café").getByText("Forget").click();
+  await shows(page, "network-state", /^Café ☕ is forgotten\.$/);
+  await shows(page, "links", /^Connected by nothing\.$/);
+  assert.deepEqual(readdirSync(networks), []);
+  await page.locator("[name=network]").fill("not here"); // one that is hidden, or away
+  await page.locator("[name=password]").fill(PASSWORD);
+  await page.locator("#join button").first().click();
+  await shows(page, "network-state", /not here: join: it is not in reach$/);
   await page.close();
 });
 

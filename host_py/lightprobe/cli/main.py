@@ -197,6 +197,7 @@ class Root(LazyGroup):
         "replay": Entry("record:replay", "Serve a recording as a probe.", "record"),
         "setup": Entry("setup:command", "Serve a page to set up this probe in a browser.", "setup"),
         "update": Entry("update:command", "Update a probe that runs from a card."),
+        "wifi": Entry("wifi:app", "List Wi-Fi networks, join one, forget one.", "setup"),
         "panel": Entry("panel:command", "Show the probe by an LED, and take a button.", "panel"),
         "pair": Entry("pair:command", "Make key, certificate and token for wss:.", "pair"),
         "study": Entry("study:app", "Ask people which pictures look real.", "study"),

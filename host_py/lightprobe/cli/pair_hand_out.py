@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import html
 import json
+import socket
 import ssl
 import threading
 from dataclasses import dataclass
@@ -13,11 +15,12 @@ from urllib.parse import urlsplit
 
 from lightprobe.cli.listening import listen
 from lightprobe.errors import LightprobeError
+from lightprobe.places import Places, peer_of
 
 PORT = 7704
-#: Of one connection, and how many at once.
+#: Of one connection, and how many at once, in all and of one peer.
 _PATIENCE_S = 10.0
-_MOST = 16
+_MOST, _MOST_OF_PEER = 32, 16
 _PAGE = """<!doctype html><meta charset="utf-8"><meta name="viewport" content="width=device-width">
 <title>lightprobe: pair</title><style>body{{font:1.2em sans-serif;margin:2em;max-width:34em}}
 button{{font:inherit;padding:.6em 1.2em}}</style><h1>lightprobe</h1>{body}"""
@@ -67,31 +70,45 @@ class _Server(ThreadingHTTPServer):
         self.socket.close()
         self.socket = listening
         self.url, self.given = offer.url, threading.Event()
-        self._tls, self._free = tls, threading.BoundedSemaphore(_MOST)
+        self._tls, self._places = tls, Places(_MOST, _MOST_OF_PEER, 1)
+        self._own = threading.local()  # .place: of the connection of this thread
         self._lock, self._taken = threading.Lock(), False
 
     def take(self) -> str | None:
         """Give the address to the first one that asks, and None to others."""
         with self._lock:
             first, self._taken = not self._taken, True
+        if first and hasattr(self._own, "place"):  # nobody pushes it out before it has the address
+            self._places.prove(self._own.place)
         return self.url if first else None
 
     def process_request_thread(self, request, client_address):  # type: ignore[no-untyped-def]
         """Shake hands in the connection's own thread, so that a slow one holds nobody up."""
-        if not self._free.acquire(blocking=False):
-            self.shutdown_request(request)
-            return
+        place = None
         try:
             request.settimeout(_PATIENCE_S)
-            request = self._tls.wrap_socket(request, server_side=True)
+            request = self._tls.wrap_socket(
+                request, server_side=True, do_handshake_on_connect=False
+            )
+            wrapped = request
+            place = self._places.enter(peer_of(client_address[0]), lambda: _end(wrapped))
+            self._own.place = place
+            request.do_handshake()
             super().process_request_thread(request, client_address)
-        except OSError:  # no TLS, or it has gone
+        except (OSError, ValueError):  # no TLS, or it has gone, or had to leave
             self.shutdown_request(request)
         finally:
-            self._free.release()
+            if place:
+                self._places.exit(place)
 
     def handle_error(self, request, client_address):  # type: ignore[no-untyped-def]
         """A connection that broke is nobody's matter."""
+
+
+def _end(connection: ssl.SSLSocket) -> None:
+    """Wake its thread, which closes it. Not by its own shutdown(), which lets it speak in clear."""
+    with contextlib.suppress(OSError):
+        socket.socket.shutdown(connection, socket.SHUT_RDWR)
 
 
 class _Handler(BaseHTTPRequestHandler):

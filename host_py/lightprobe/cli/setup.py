@@ -12,13 +12,13 @@ from typing import Annotated
 
 import segno
 import typer
-from aiohttp import web
 
 from lightprobe import installation
 from lightprobe.cli import pair
 from lightprobe.cli.listening import listen
 from lightprobe.errors import LightprobeError
-from lightprobe.setup import service
+from lightprobe.network.wifi import Folders, Wifi
+from lightprobe.setup import door, service
 from lightprobe.setup.web import LEAST_TOKEN, Setup
 
 _OWNER = "owner"
@@ -48,6 +48,12 @@ def command(
     new: Annotated[
         bool, typer.Option("--new", help="Make another owner's token: the former is out.")
     ] = False,
+    networks: Annotated[
+        Path | None,
+        typer.Option(
+            help="Folder where NetworkManager keeps Wi-Fi networks; default: this machine's."
+        ),
+    ] = None,
     page: Annotated[
         Path | None, typer.Option(help="Folder of setup.html; default: the installed one.")
     ] = None,
@@ -74,14 +80,13 @@ def command(
     with tempfile.TemporaryDirectory(prefix="lightprobe-setup-") as scratch:
         probe = _service(config, Path(scratch))
         listening = listen("setup", network, port)
-        setup = Setup(token, config, probe, page, folder)
+        wifi = Wifi(Folders.of_machine(networks))
+        setup = Setup(token, config, probe, page, folder, wifi)
         host = pair.shown_host(hosts) if network else "127.0.0.1"
         site = f"{'https' if tls else 'http'}://{f'[{host}]' if ':' in host else host}"
         _tell(f"{site}:{listening.getsockname()[1]}/setup.html", token, folder, network)
         try:
-            web.run_app(
-                setup.application(), sock=listening, ssl_context=tls, print=None, access_log=None,
-            )  # fmt: skip
+            door.serve(setup.application(), listening, tls)
         finally:
             if isinstance(probe, service.Child):
                 probe.stop()

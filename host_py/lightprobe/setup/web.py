@@ -20,8 +20,10 @@ from aiohttp import web
 
 from lightprobe import __version__
 from lightprobe.errors import LightprobeError, UsageError
-from lightprobe.setup import card, choices, service, settings, tasks
+from lightprobe.network.wifi import Wifi
+from lightprobe.setup import card, choices, door, service, settings, tasks
 from lightprobe.setup.job import Job
+from lightprobe.setup.network import Networks
 from lightprobe.setup.upload import Upload
 
 #: Characters of the owner's token.
@@ -45,7 +47,13 @@ class Setup:
     """What the page may see and do."""
 
     def __init__(
-        self, token: str, config: Path, daemon: service.Service, page: Path, pair: Path
+        self,
+        token: str,
+        config: Path,
+        daemon: service.Service,
+        page: Path,
+        pair: Path,
+        wifi: Wifi,
     ) -> None:
         """`token`: the owner's, of at least 32 characters; `page`: the folder with setup.html.
 
@@ -54,7 +62,8 @@ class Setup:
         if len(token) < LEAST_TOKEN:
             raise LightprobeError("setup: the owner's token is too short to be one: use --new")
         self._token, self._config, self._daemon, self._page = token, config, daemon, page
-        self._pair, self._upload = pair, Upload(config.parent)
+        self._pair, self._networks = pair, Networks(wifi)
+        self._upload = Upload(config.parent)
         self._job: Job | None = None
         self._running: asyncio.Task[None] | None = None
         self._busy = asyncio.Lock()
@@ -67,7 +76,9 @@ class Setup:
             web.post("/api/restart", self._restart), web.put("/api/upload", self._receive),
             web.post("/api/job", self._begin),
             web.get("/api/job", self._told), web.post("/api/job/answer", self._answer),
-            web.post("/api/job/stop", self._stop),
+            web.post("/api/job/stop", self._stop), web.get("/api/network", self._network),
+            web.post("/api/network/join", self._join),
+            web.post("/api/network/forget", self._forget),
             web.get("/api/job/files/{name}", self._file), web.get("/", self._index),
             web.get("/{name:setup[.](?:html|js|css)|style[.]css}", self._static),
         ])  # fmt: skip
@@ -82,6 +93,7 @@ class Setup:
         try:
             if request.path.startswith("/api/"):
                 await self._check_owner(request)
+                door.prove(request)
             response = await handler(request)
         except web.HTTPException as error:
             response = _problem(error.status, error.text or error.reason)
@@ -247,6 +259,19 @@ class Setup:
         # A report may hold scripts: they get no rights of this page.
         return web.FileResponse(path, headers={"Content-Security-Policy": "sandbox allow-scripts"})
 
+    # ------------------------------------------------------------ networks
+
+    async def _network(self, request: web.Request) -> web.Response:
+        return web.json_response(await self._networks.state(request))
+
+    async def _join(self, request: web.Request) -> web.Response:
+        self._networks.join(await _json(request))
+        return web.json_response({})
+
+    async def _forget(self, request: web.Request) -> web.Response:
+        self._networks.forget(await _json(request))
+        return web.json_response({})
+
     # ------------------------------------------------------------ page, begin and end
 
     async def _index(self, _request: web.Request) -> web.StreamResponse:
@@ -265,6 +290,7 @@ class Setup:
             await asyncio.to_thread(self._daemon.start)
 
     async def _on_end(self, _app: web.Application) -> None:
+        await self._networks.end()
         if self._job and self._running:
             await self._job.stop()
             await self._running

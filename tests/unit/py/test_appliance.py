@@ -13,6 +13,8 @@ from pathlib import Path
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from lightprobe.network import profile, wifi
+from lightprobe.network.profile import Profile
 from lightprobe.panel import actions
 
 FILE = Path(__file__).parents[3] / "packaging/image/files/usr/lib/lightprobe/image/appliance.py"
@@ -176,8 +178,8 @@ def test_what_is_wrong_is_said_and_left_out(tmp_path, line, said):
 def test_no_text_stops_it_or_gets_out_of_its_line(text):
     found = appliance.read_settings(text)
     made = appliance.profiles("lightprobe-1", found, "abcdefgh")
-    for profile in made.values():
-        sections = [line for line in profile.splitlines() if line.startswith("[")]
+    for one in made.values():
+        sections = [line for line in one.splitlines() if line.startswith("[")]
         assert len(sections) == len(set(sections))
     assert all(appliance.FORMS[name][0].fullmatch(value) for name, value in found.values.items())
 
@@ -299,7 +301,10 @@ def test_without_the_known_wifi_the_access_point_opens_again(tmp_path, monkeypat
     (tmp_path / "opened").touch()
     os.utime(tmp_path / "opened", (0, 0))
     one.look_for_network()
-    assert programs.ran[-2:] == [UP_HOME, UP]
+    assert [words for words in programs.ran if words[0] == "nmcli" and "up" in words] == [
+        UP_HOME,
+        UP,
+    ]
 
 
 def test_a_certificate_that_was_renewed_restarts_what_uses_it(tmp_path):
@@ -342,3 +347,85 @@ def test_a_file_system_grows_also_where_the_partition_has_grown_before(tmp_path)
     programs = Programs()
     card(tmp_path, programs).grow()  # sfdisk tells of no free space
     assert ["resize2fs", "/dev/mmcblk0p3"] in programs.ran
+
+
+JOINED_NETWORK = Profile(b"caf\xe9 <b>\n", profile.WPA2, "12345678", hidden=False)
+
+
+def join(folder: Path, one: Profile = JOINED_NETWORK) -> str:
+    """As `lightprobe wifi join` keeps it; gives its connection's UUID."""
+    folder.mkdir(exist_ok=True)
+    profile.write(profile.file_of(folder, one.ssid), one.text())
+    return profile.uuid_of(one.ssid)
+
+
+def test_a_network_that_was_joined_outlives_a_restart(tmp_path):
+    assert card(tmp_path, Programs()).start() == []
+    assert stat.S_IMODE((tmp_path / "state/networks").stat().st_mode) == 0o700
+    join(tmp_path / "state/networks")
+    assert card(tmp_path, Programs()).start() == []
+    file = profile.file_of(tmp_path / "profiles", JOINED_NETWORK.ssid)
+    assert file.read_text() == JOINED_NETWORK.text()
+    assert stat.S_IMODE(file.stat().st_mode) == 0o600
+
+
+def test_a_damaged_network_is_said_and_the_others_are_there(tmp_path):
+    (tmp_path / "state").mkdir()
+    join(tmp_path / "state/networks")
+    damaged = profile.file_of(tmp_path / "state/networks", b"other")
+    damaged.write_bytes(b"\0\xff" * 40)
+    problems = card(tmp_path, Programs()).start()
+    assert problems == [f"{damaged}: is damaged: join that network again"]
+    assert profile.file_of(tmp_path / "profiles", JOINED_NETWORK.ssid).exists()
+    assert not profile.file_of(tmp_path / "profiles", b"other").exists()
+
+
+def test_command_and_image_mean_the_same_folders():
+    assert appliance.STATE / appliance.NETWORKS == wifi.KEPT
+    assert appliance.PROFILES == wifi.IN_MEMORY
+    assert appliance.OPENED == wifi.OPENED
+
+
+def test_each_known_network_has_its_turn(tmp_path, monkeypatch):
+    class Away(Programs):
+        def __call__(self, words: Sequence[str]) -> str:
+            said = super().__call__(words)
+            if "up" in words and list(words) != UP:
+                raise OSError("no such network")
+            return said
+
+    monkeypatch.setattr(appliance, "OPENED", tmp_path / "opened")
+    monkeypatch.setattr(time, "sleep", lambda _s: None)
+    programs = Away(active="lightprobe:wlan0\n")
+    one = card(tmp_path, programs)
+    (tmp_path / "profiles/home.nmconnection").write_text("[connection]\nid=home\n")
+    uuid = join(tmp_path / "profiles")
+    (tmp_path / "opened").touch()
+    for _ in range(3):
+        os.utime(tmp_path / "opened", (0, 0))
+        one.look_for_network()
+        one.look_for_network()  # too early
+    tried = [words[5:] for words in programs.ran if "up" in words and list(words) != UP]
+    assert tried == [["home"], ["uuid", uuid], ["home"]]
+    assert (tmp_path / "opened").read_text() == "3"
+
+
+def test_a_network_that_came_up_by_itself_is_left_alone(tmp_path, monkeypatch):
+    class Another(Programs):
+        def __call__(self, words: Sequence[str]) -> str:
+            said = super().__call__(words)
+            if "up" in words:
+                self.active = "wifi x\\:y:wlan0\n"
+                raise OSError("no such network")
+            return said
+
+    monkeypatch.setattr(appliance, "OPENED", tmp_path / "opened")
+    monkeypatch.setattr(time, "sleep", lambda _s: None)
+    programs = Another(active="lightprobe:wlan0\n")
+    one = card(tmp_path, programs)
+    (tmp_path / "profiles/home.nmconnection").touch()
+    join(tmp_path / "profiles")
+    (tmp_path / "opened").touch()
+    os.utime(tmp_path / "opened", (0, 0))
+    one.look_for_network()
+    assert UP not in programs.ran

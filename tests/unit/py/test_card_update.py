@@ -257,7 +257,10 @@ def test_an_update_is_written_with_its_progress(machine: Path) -> None:
             "Compatible mismatch: Expected 'lightprobe-pi4' but bundle manifest has 'x'",
             "for another machine",
         ),
-        ("Invalid bundle format: Signature size (55085) exceeds bundle size", "no update, or only a part"),
+        (
+            "Invalid bundle format: Signature size (55085) exceeds bundle size",
+            "no update, or only a part",
+        ),
         ("Input/output error", "nothing was changed"),
     ],
 )

@@ -33,6 +33,8 @@ STATE = Path("/etc/lightprobe")
 #: The same folder as the image has it, below what is mounted there.
 FACTORY = Path("/usr/share/lightprobe/image")
 PROFILES = Path("/run/NetworkManager/system-connections")
+#: In the state: networks that were joined by `lightprobe wifi` or the set-up page.
+NETWORKS, NETWORK_FILES = "networks", "lightprobe-wifi-*.nmconnection"
 SETTINGS, ACCESS = "lightprobe.txt", "access.txt"
 #: Connections of NetworkManager; the button (lightprobe panel) opens and closes the second.
 HOME, ACCESS_POINT = "home", "lightprobe"
@@ -50,6 +52,8 @@ OPENED = Path("/run/lightprobe-access-point")
 CLOCKS = (Path("/data/timesync/clock"), Path("/usr/lib/clock-epoch"))
 #: How long the access point is open before the known Wi-Fi is tried again.
 TRY_S = 300.0
+#: How long NetworkManager may need to begin with another network that it knows.
+OTHERS_S = 10.0
 SERVICES = ("lightprobed", "lightprobe-setup")
 Run = Callable[[Sequence[str]], str]
 
@@ -286,6 +290,7 @@ class Appliance:
         self.attempt("name", lambda: self.set_name(name))
         self.attempt("country", lambda: self.set_country(settings))
         self.attempt("networks", lambda: self.write_profiles(name, settings, own_password))
+        self.attempt("networks that were joined", self.copy_networks)
         self.attempt(ACCESS, lambda: self.write_access(name, own_password, settings))
         return self.problems
 
@@ -385,6 +390,25 @@ class Appliance:
         for one, text in profiles(name, settings, own_password).items():
             write_whole(self.profiles / f"{one}.nmconnection", text)
 
+    def copy_networks(self) -> None:
+        """Give NetworkManager the networks that were joined on the set-up page.
+
+        One that cannot be read is said, and left out. Raises OSError.
+        """
+        folder = self.state / NETWORKS
+        folder.mkdir(mode=0o700, exist_ok=True)
+        for file in sorted(folder.glob(NETWORK_FILES)):
+            text = file.read_text(errors="replace")
+            if re.search(r"^ssid=(?:[0-9]+;)+$", text, re.MULTILINE):
+                write_whole(self.profiles / file.name, text)
+            else:
+                self.problems.append(f"{file}: is damaged: join that network again")
+
+    def known(self) -> list[str]:
+        """Files of the networks that may be joined."""
+        files = [self.profiles / f"{HOME}.nmconnection", *self.profiles.glob(NETWORK_FILES)]
+        return sorted(str(file) for file in files if file.exists())
+
     def pair(self, name: str) -> str:
         """Give the address for clients; certificate and token are made if they are not there.
 
@@ -427,30 +451,51 @@ class Appliance:
         Also now and then for the known Wi-Fi, while nobody is in it. What the button has opened
         stays.
         """
-        listed = self.run(["nmcli", "-t", "-f", "NAME,DEVICE", "connection", "show", "--active"])
-        active = dict(line.rpartition(":")[::2] for line in listed.splitlines())
+        active = self.active()
         point = active.pop(ACCESS_POINT, None)
-        others = [device for device in active.values() if device != "lo"]
         if point is None:
             OPENED.unlink(missing_ok=True)
-            if not others:
+            if not active:
                 self.open_access_point()
             return
         if not OPENED.exists() or self.run(["iw", "dev", point, "station", "dump"]):
             return
-        knows = (self.profiles / f"{HOME}.nmconnection").exists()
-        if others:
+        if active:
             self.run(["nmcli", "connection", "down", ACCESS_POINT])
-        elif knows and time.time() - OPENED.stat().st_mtime > TRY_S:
-            try:
-                self.run(["nmcli", "--wait", "60", "connection", "up", HOME])
-            except OSError:  # it is not there
-                self.open_access_point()
+        elif self.known() and time.time() - OPENED.stat().st_mtime > TRY_S:
+            self.try_known()
 
-    def open_access_point(self) -> None:
-        """Open it, and note since when."""
+    def active(self) -> dict[str, str]:
+        """Connections that are up or on their way, and their devices."""
+        listed = self.run(["nmcli", "-t", "-f", "NAME,DEVICE", "connection", "show", "--active"])
+        found = dict(line.rpartition(":")[::2] for line in listed.splitlines())
+        return {name: device for name, device in found.items() if device != "lo"}
+
+    def try_known(self) -> None:
+        """Try one of the known networks, another each time, and open the access point again.
+
+        While that is closed, NetworkManager joins by itself whatever else it knows.
+        """
+        known, tries = self.known(), self.tries()
+        uuid = re.search(r"^uuid=(\S+)$", Path(known[tries % len(known)]).read_text(), re.MULTILINE)
+        which = ["uuid", uuid[1]] if uuid else [HOME]
+        try:
+            self.run(["nmcli", "--wait", "60", "connection", "up", *which])
+        except OSError:  # it is not there
+            if len(known) > 1:
+                time.sleep(OTHERS_S)
+            if not set(self.active()) - {ACCESS_POINT}:
+                self.open_access_point(tries + 1)
+
+    def tries(self) -> int:
+        """How often a known network has been tried since the access point was opened first."""
+        text = OPENED.read_text()
+        return int(text) if text.isdigit() else 0
+
+    def open_access_point(self, tries: int = 0) -> None:
+        """Open it, and note since when, and how often a known network has been tried."""
         self.run(["nmcli", "--wait", "60", "connection", "up", ACCESS_POINT])
-        OPENED.touch()
+        OPENED.write_text(str(tries))
 
 
 def main() -> None:
