@@ -28,8 +28,8 @@ SUITE = "bookworm"
 KERNEL = "linux-image-arm64,raspi-firmware,u-boot-rpi,firmware-brcm80211,busybox-static"
 FIRMWARE = ("start4.elf", "fixup4.dat")
 UNITS = ("lightprobed", "lightprobe-setup", "lightprobe-panel", "lightprobe-image", "avahi-daemon",
-         "lightprobe-confirm", "lightprobe-network.timer", "lightprobe-renew.timer", "NetworkManager",
-         "systemd-timesyncd")  # fmt: skip
+         "lightprobe-confirm", "lightprobe-network.timer", "lightprobe-renew.timer",
+         "NetworkManager", "systemd-timesyncd")  # fmt: skip
 #: They look at file systems on logical volumes, in the background.
 UNUSED_UNITS = ("e2scrub_all.timer", "e2scrub_reap.service")
 DROP_INS = ("wss", "i2c")
@@ -186,8 +186,8 @@ class Image:
         for name in ("config.txt", "arguments.env", "lightprobe.txt"):
             shutil.copyfile(HERE / name, self.boot / name)
         (self.boot / "half.env").write_text("half=a\n")
-        self.step("boot loader", "mkimage", "-A", "arm64", "-T", "script", "-C", "none", "-d", HERE / "boot.cmd",
-                  self.boot / "boot.scr")  # fmt: skip
+        self.step("boot loader", "mkimage", "-A", "arm64", "-T", "script", "-C", "none", "-d",
+                  HERE / "boot.cmd", self.boot / "boot.scr")  # fmt: skip
 
     def pack(self, name: str) -> Path:
         """The card, and its compressed form, which is returned."""
