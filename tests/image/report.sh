@@ -7,6 +7,7 @@ umask 077 # NetworkManager reads no file that others may read
 joined=
 address=
 update=
+wifi=
 while sleep 10; do
 	[ -n "$update" ] || update=$(lightprobe update --json 2>&1 | tr -d ' \n')
 	[ -n "$address" ] || iw dev | grep -q 'type AP' || nmcli --wait 60 connection up lightprobe
@@ -22,6 +23,7 @@ while sleep 10; do
 		nmcli connection load $headset
 		joined=$(nmcli --wait 90 connection up headset 2>&1 | tail -n 1)
 		address=$(ip -4 -o address show "$other" | awk '{ print $4 }')
+		[ -z "$address" ] || wifi=$(lightprobe wifi --json 2>&1 | tr -d ' \n')
 	fi
 	used=$(free -m | awk '/^Mem:/ { print $3 }')
 	root=$(findmnt -no OPTIONS / | cut -d, -f1)
@@ -29,5 +31,5 @@ while sleep 10; do
 	written=$(awk '{ print $7 * 512 }' /sys/class/block/vda/stat)
 	failed=$(systemctl list-units --failed --plain --no-legend | cut -d' ' -f1 | tr '\n' ,)
 	echo "report uptime_s=$(cut -d. -f1 /proc/uptime) used_mb=$used root=$root data_mb=$data written_bytes=$written" \
-		"name=$(hostname) update=$update failed=$failed address=$address joined=$(echo "$joined" | tr ' ' _)"
+		"name=$(hostname) update=$update wifi=$wifi failed=$failed address=$address joined=$(echo "$joined" | tr ' ' _)"
 done

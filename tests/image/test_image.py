@@ -165,6 +165,12 @@ def test_a_headset_joins_the_probes_own_wifi(started: Machine) -> None:
     while not (report := reported(started))["address"] and time.monotonic() < end:
         pass
     assert re.fullmatch(r"10\.42\.0\.\d+/24", report["address"]), report
+    view = json.loads(report["wifi"])
+    print(view)
+    own = {"kind": "accesspoint", "name": view["own_access_point"]}
+    assert any(own.items() <= link.items() for link in view["links"]), view
+    assert view["own_access_point"] == report["name"]
+    assert any(link["kind"] == "cable" and link["is_up"] for link in view["links"])
 
 
 def test_the_second_start_is_the_same_probe(

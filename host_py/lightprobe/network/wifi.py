@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import fcntl
 import os
 import socket
 from collections.abc import Iterator
@@ -272,6 +271,8 @@ class Wifi:
             raise LightprobeError(
                 f"wifi: {folder}: only root may change networks: run it with sudo"
             ) from None
+        import fcntl  # not on Windows, where nmcli is missed before
+
         try:
             fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:

@@ -66,7 +66,7 @@ def install(file: Path, tell: Callable[[int, str], None]) -> None:
     if not can_update():
         raise LightprobeError(
             "update: this probe does not run from a card of `make image`: update its Debian "
-            "packages, or its repository (docs/users/installation.md)"
+            "packages, or its repository (docs/users/image.md)"
         )
     if not file.is_file():
         raise LightprobeError(f"update: {file}: no such file")

@@ -106,7 +106,8 @@ class Loader:
     def well(self) -> bool:
         """Whether daemon, set-up page and network run, and the page answers."""
         try:
-            self.run(["systemctl", "is-active", *SERVICES, "NetworkManager.service"])
+            for unit in (*SERVICES, "NetworkManager"):  # of several at once, one would be enough
+                self.run(["systemctl", "is-active", unit])
             # The certificate is the probe's own, and the question stays in this machine.
             urllib.request.urlopen(PAGE, timeout=10, context=ssl._create_unverified_context())
         except (OSError, urllib.error.URLError, subprocess.SubprocessError):
