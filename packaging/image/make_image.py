@@ -224,6 +224,10 @@ class Image:
             self.certificate, "-days", str(CERTIFICATE_DAYS), "-subj", "/CN=lightprobe updates",
             "-addext", "keyUsage=critical,digitalSignature,keyCertSign",
         )  # fmt: skip
+        print(
+            f"A key that signs updates was made in {self.key.parent}: keep it, and keep it "
+            "secret. Probes with this image take updates that are signed with it alone."
+        )
 
     def pack_update(self, name: str) -> Path:
         """The update: the root's file system, signed."""
