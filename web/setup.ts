@@ -4,10 +4,10 @@
 interface Choice { value: string; words: string }
 interface Field { name: string; label: string; kind: string; initial: string; choices: string[] }
 interface Task {
-  name: string; title: string; words: string; fields: Field[]; takes_devices: boolean; asks: boolean; minutes: number; setting: string; next_step: string;
+  name: string; title: string; words: string; fields: Field[]; takes_devices: boolean; asks: boolean; ends_by_itself: boolean; restarts: boolean; minutes: number; setting: string; next_step: string;
 }
 interface State {
-  name: string; version: string; card: string | null; config: string; text: string; runs: boolean; log: string[]; probe: string | null; settings: Record<string, string[]>;
+  name: string; version: string; card: string | null; boot: string; config: string; text: string; runs: boolean; log: string[]; probe: string | null; settings: Record<string, string[]>;
   sources: Choice[]; ports: Choice[]; cameras: Choice[]; tasks: Task[];
 }
 interface Told { task: string; status: number | null; waits: boolean; said: number; lines: string[]; seconds: number; files: string[]; written: string | null }
@@ -22,6 +22,7 @@ interface Networks {
 const element = <T extends HTMLElement>(id: string): T => document.getElementById(id) as T;
 const owner = new URLSearchParams(location.hash.slice(1)).get("owner") ?? "";
 const MOST_LINES = 2000;
+const RESTARTED = "the probe has restarted: its version is above";
 let state: State | undefined;
 
 /** The probe has answered, and not with what was asked for. */
@@ -208,7 +209,12 @@ function card(task: Task): HTMLFormElement {
     void act(async () => {
       for (const file of inputs.flatMap(({ input }) => [...((input as HTMLInputElement).files ?? [])])) {
         busy(true);
-        await send(file).finally(() => busy(false));
+        try {
+          await send(file);
+        } finally {
+          busy(false);
+          await look(false);
+        }
       }
       await ask("POST", "job", { task: task.name, fields });
       await follow();
@@ -242,6 +248,17 @@ async function patiently<T>(work: () => Promise<T>): Promise<T> {
   }
 }
 
+/** Wait for the next start of the probe, three minutes at most. */
+async function restarted(): Promise<void> {
+  const before = state!.boot;
+  element("running-state").textContent = "done: the probe restarts";
+  for (let left = 90; left && state!.boot === before; left--) {
+    await new Promise((done) => setTimeout(done, 2000));
+    await look(false).catch(() => undefined); // it does not answer yet
+  }
+  element("running-state").textContent = state!.boot === before ? "done, but the probe has not restarted in three minutes: switch it off and on" : RESTARTED;
+}
+
 /** Show a task until it ends. */
 async function follow(): Promise<void> {
   const output = element("output"), lines: string[] = [];
@@ -259,7 +276,7 @@ async function follow(): Promise<void> {
         throw error;
       });
       if (!told) {
-        element("running-state").textContent = "the probe has restarted: its version is above";
+        element("running-state").textContent = RESTARTED;
         element("while-running").hidden = true;
         break;
       }
@@ -271,6 +288,7 @@ async function follow(): Promise<void> {
       output.scrollTop = output.scrollHeight;
       element("running-title").textContent = task.title;
       element("while-running").hidden = told.status !== null;
+      element("stop").hidden = task.ends_by_itself;
       for (const id of ["continue", "skip"]) {
         element(id).hidden = !task.asks;
         element<HTMLButtonElement>(id).disabled = !told.waits;
@@ -284,6 +302,7 @@ async function follow(): Promise<void> {
       use.onclick = () => void act(() => change({ set: { [task.setting]: [told.written!] } }));
       if (told.status === null) continue;
       element("files").replaceChildren(...(await Promise.all(told.files.map(picture))));
+      if (task.restarts && told.status === 0) await restarted();
       break;
     }
   } finally {
@@ -337,8 +356,13 @@ function networkRow(network: Network): HTMLLIElement {
     Object.assign(document.createElement("span"), { className: "dim", textContent: about.filter(Boolean).join(", ") }),
   );
   if (!network.joined && network.signal_percent !== null) row.append(networkButton("Join", () => choose(network)));
-  if (network.known) row.append(networkButton("Forget", () => alter("forget", { ssid: network.ssid })));
+  if (network.known) row.append(networkButton("Forget", () => forget(network)));
   return row;
+}
+
+async function forget(network: Network): Promise<void> {
+  const words = `The probe leaves ${network.name}, and this page is cut off if it was opened there. Then look for the probe's own Wi-Fi. Leave it?`;
+  if (!network.joined || confirm(words)) await alter("forget", { ssid: network.ssid });
 }
 
 /** Join it, or ask for its password. */

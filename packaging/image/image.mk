@@ -3,7 +3,7 @@
 
 .PHONY: image test-image
 # What signs updates. Probes take updates only from who has the key of their image: keep it, and keep it secret.
-UPDATE_KEYS ?= $(HOME)/.config/lightprobe/update
+UPDATE_KEYS ?= $(if $(SUDO_USER),$(shell getent passwd $(SUDO_USER) | cut -d: -f6),$(HOME))/.config/lightprobe/update
 IMAGE_VERSION ?= $(shell git log -1 --format=%cd-%h --date=format:%Y%m%d%H%M)
 
 image: $(STAMPS)/sysroot-arm64 $(call apt,image) build ## make the image of a card for the Raspberry Pi 4 in build/image, as root (ten minutes)

@@ -215,15 +215,24 @@ class Image:
 
     def ensure_keys(self) -> None:
         """Make key and certificate at the first time; whoever has the key makes updates."""
-        if self.key.exists() and self.certificate.exists():
+        there = [path.exists() for path in (self.key, self.certificate)]
+        if all(there):
             return
-        self.key.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
+        if any(there):
+            raise StepError(f"{self.key.parent}: has a key or a certificate, and not both: put the "
+                            "other one back, else probes refuse what is signed")  # fmt: skip
+        new = [path for path in (self.key.parent, *self.key.parent.parents) if not path.exists()]
+        self.key.parent.mkdir(parents=True, mode=0o700, exist_ok=True)
         self.step(
             "key for updates", "openssl", "req", "-x509", "-newkey", "ec", "-pkeyopt",
             "ec_paramgen_curve:prime256v1", "-nodes", "-keyout", self.key, "-out",
             self.certificate, "-days", str(CERTIFICATE_DAYS), "-subj", "/CN=lightprobe updates",
             "-addext", "keyUsage=critical,digitalSignature,keyCertSign",
         )  # fmt: skip
+        owner = os.environ.get("SUDO_UID"), os.environ.get("SUDO_GID")
+        for path in (*new, self.key, self.certificate):
+            if owner[0] and owner[1]:
+                os.chown(path, int(owner[0]), int(owner[1]))
         print(
             f"A key that signs updates was made in {self.key.parent}: keep it, and keep it "
             "secret. Probes with this image take updates that are signed with it alone."

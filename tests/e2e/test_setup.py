@@ -11,6 +11,7 @@ import signal
 import socket
 import ssl
 import subprocess
+import threading
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -18,9 +19,13 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from aiohttp import web
 from lightprobe.client import Client
-from lightprobe.setup import settings, tasks
+from lightprobe.network.wifi import Folders, Wifi
+from lightprobe.setup import card, settings, tasks
+from lightprobe.setup import web as setup_web
 from lightprobe.setup.job import Job
+from lightprobe.setup.web import Setup
 
 from .test_simulator import LIGHTPROBE, simulator
 
@@ -193,7 +198,54 @@ def test_a_task_takes_only_what_it_asks_for(page: Page, wanted: dict[str, Any]) 
     assert page.ask("GET", "job")[0] == 404
 
 
-def test_a_file_is_taken_whole_or_not_at_all(page: Page) -> None:
+class NoDaemon:
+    """A daemon that does as it is told, and nothing else."""
+
+    runs = True
+
+    def start(self) -> None:
+        """Nothing."""
+
+    def stop(self) -> None:
+        """Nothing."""
+
+    def log(self) -> list[str]:
+        """Nothing."""
+        return []
+
+
+@pytest.fixture
+def card_page(
+    tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch
+) -> Iterator[Page]:
+    """The page of a machine that runs from a card, as far as its files tell."""
+    folder = Path(tmp_path_factory.mktemp("s"))
+    for name in ("version", "rauc"):
+        (folder / name).write_text("1\n")
+    (folder / "rauc").chmod(0o755)
+    (folder / "lightprobed.conf").write_text("source = example:\n")
+    monkeypatch.setenv("PATH", f"{folder}:/usr/bin:/bin")
+    monkeypatch.setattr(card, "VERSION", folder / "version")
+    monkeypatch.setattr(card, "TRIAL", folder / "trial")
+    token = "t" * 32
+    wifi = Wifi(Folders(folder, folder))
+    setup = Setup(token, folder / "lightprobed.conf", NoDaemon(), folder, folder, wifi)
+    listening = socket.create_server(("127.0.0.1", 0))
+    port = listening.getsockname()[1]
+    loop = asyncio.new_event_loop()
+    runner = web.AppRunner(setup.application())
+    loop.run_until_complete(runner.setup())
+    loop.run_until_complete(web.SockSite(runner, listening).start())
+    work = threading.Thread(target=loop.run_forever)
+    work.start()
+    yield Page(port, token, folder)
+    asyncio.run_coroutine_threadsafe(runner.cleanup(), loop).result(30)
+    loop.call_soon_threadsafe(loop.stop)
+    work.join(30)
+
+
+def test_a_file_is_taken_whole_or_not_at_all(card_page: Page) -> None:
+    page = card_page
     kept = page.folder / "upload"
     assert page.ask("PUT", "upload", b"x" * 3_000_000)[0] == 200
     assert kept.read_bytes() == b"x" * 3_000_000
@@ -211,13 +263,34 @@ def test_a_file_is_taken_whole_or_not_at_all(page: Page) -> None:
         while not (page.folder / ".upload.part").exists():
             assert time.monotonic() < end
             time.sleep(0.01)
-        assert page.ask("PUT", "settings", {"set": {"name": ["x"]}})[0] == 409  # one at a time
-    while page.ask("PUT", "settings", {"set": {"name": ["x"]}})[0] != 200:
+        assert page.ask("PUT", "upload", b"y")[0] == 409  # one at a time
+        assert not kept.exists()
+    while page.ask("PUT", "upload", b"y")[0] != 200:
         assert time.monotonic() < end
-    assert not list(page.folder.glob("*upload*"))
-    assert not list(page.folder.glob(".upload*"))
-    # This machine is no card: the task that would take a file is not offered.
-    assert page.ask("PUT", "upload", b"x")[0] == 200
+    assert kept.read_bytes() == b"y"
+    assert not [*page.folder.glob(".upload*")]
+
+
+def test_a_file_that_no_task_takes_goes(card_page: Page, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(setup_web, "_UNUSED_S", 0.5)
+    assert card_page.ask("PUT", "upload", b"x")[0] == 200
+    end = time.monotonic() + 20
+    while (card_page.folder / "upload").exists():
+        assert time.monotonic() < end
+        time.sleep(0.05)
+
+
+def test_while_an_update_is_on_trial_nothing_is_begun(card_page: Page) -> None:
+    (card_page.folder / "trial").touch()
+    status, answer = card_page.ask("POST", "job", {"task": "find-cameras", "fields": {}})
+    assert (status, "being tried: wait" in answer["problem"]) == (409, True)
+
+
+def test_a_machine_that_is_no_card_takes_no_file(page: Page) -> None:
+    status, answer = page.ask("PUT", "upload", b"x")
+    assert (status, answer["problem"]) == (
+        422, "setup: upload: no task of this machine takes a file",
+    )  # fmt: skip
     assert page.ask("POST", "job", {"task": "update", "fields": {"file": "x"}})[0] == 422
 
 

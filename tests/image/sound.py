@@ -31,8 +31,11 @@ def last_moments(card: Path, written: list[Record], chance: Random | None) -> It
         apply(card, former[::-1])
 
 
-def faults(card: Path, before: Path, saved: list[str]) -> Iterator[str]:
-    """Everything that is wrong; `saved`: the source that the set-up page has said to be saved."""
+def faults(card: Path, before: Path, saved: list[str], settled: bool = False) -> Iterator[str]:
+    """Everything that is wrong; `saved`: lines that the set-up page has said to be saved.
+
+    `settled`: the card has been started before, so each file must be there.
+    """
     were, are = partitions(before), partitions(card)
     if [one[0] for one in were] != [one[0] for one in are] or were[:DATA] != are[:DATA]:
         yield f"partitions {are}"
@@ -42,11 +45,11 @@ def faults(card: Path, before: Path, saved: list[str]) -> Iterator[str]:
     words = ["dd", f"if={card}", f"of={data}", "bs=1M", "conv=sparse", "status=none",
              "iflag=skip_bytes", f"skip={are[DATA][0]}"]  # fmt: skip
     subprocess.run(words, check=True)
-    yield from _data(data, are[DATA][1])
+    yield from _data(data, are[DATA][1], settled)
     config = read(data, "/lightprobe/lightprobed.conf")
-    for source in saved:
-        if f"\nsource = {source}\n" not in config:
-            yield f"source = {source} was saved, and is lost"
+    for line in saved:
+        if f"\n{line}\n" not in config:
+            yield f"{line} was saved, and is lost"
 
 
 def _boot(card: Card, before: Card) -> Iterator[str]:
@@ -59,7 +62,7 @@ def _boot(card: Card, before: Card) -> Iterator[str]:
             yield f"{name} is gone"
 
 
-def _data(data: Path, length: int) -> Iterator[str]:
+def _data(data: Path, length: int, settled: bool) -> Iterator[str]:
     subprocess.run(["e2fsck", "-E", "journal_only", "-fy", data], capture_output=True)  # as a mount
     checked = subprocess.run(["e2fsck", "-fn", data], capture_output=True, text=True)
     if checked.returncode != 0:
@@ -78,8 +81,8 @@ def _data(data: Path, length: int) -> Iterator[str]:
         ("pair/certificate.pem", r"-----BEGIN CERTIFICATE-----\n(.*\n)+-----END CERTIFIC.*-----\n"),
     ):  # fmt: skip
         text = read(data, f"/lightprobe/{name}")
-        if text and not re.fullmatch(form, text):
-            yield f"{name} is torn: {text!r}"
+        if (text or settled) and not re.fullmatch(form, text):
+            yield f"{name} is torn, or gone: {text!r}"
 
 
 def read(data: Path, name: str) -> str:

@@ -211,7 +211,9 @@ def test_power_cuts(recording: Recording, tmp_path: Path) -> None:
             apply(card, every[done:flushed])
             done = flushed
             with last_moments(card, every[flushed:end], seed and random.Random(seed * end)):
-                saved = [of for at, of in recording.saved if at <= every[end - 1].logged]
+                saved = [
+                    f"source = {of}" for at, of in recording.saved if at <= every[end - 1].logged
+                ]
                 found = faults(card, recording.before, saved[-1:])
                 bad += [f"cut {end}, seed {seed}: {what}" for what in found]
     subprocess.run(["cp", "--sparse=always", recording.before, card], check=True)

@@ -97,7 +97,6 @@ class Updated:
 
     before: Path  # the card before
     log: Path  # what was written from then on
-    source: str
     token: str
     seconds: dict[str, float]
 
@@ -152,7 +151,7 @@ def version(one: Machine, owner: str) -> str:
 def updated(written: Card, new: Update, tmp_path_factory: pytest.TempPathFactory) -> Updated:
     """A machine that refuses what it must, then takes the update and keeps it."""
     folder = tmp_path_factory.mktemp("machine")
-    found = Updated(folder / "before.img", folder / "writes", "example:", "", {})
+    found = Updated(folder / "before.img", folder / "writes", "", {})
     with machine(written, folder) as one:  # the first start
         wait_for_page(one)
         found.token = token(written)
@@ -271,7 +270,7 @@ def test_power_cuts_in_an_update(updated: Updated, new: Update, tmp_path: Path) 
                 starts_b = one.has("try") or half(one) == "b"
                 tried += one.has("try")
                 kept += half(one) == "b"
-                found = list(faults(cut, updated.before, []))
+                found = list(faults(cut, updated.before, ["name = kept"], settled=True))
                 if half(one) not in ("a", "b"):
                     found.append(f"half.env: {one.read('half.env')!r}")
                 if not same(cut, HALF_A, updated.before):
@@ -287,14 +286,13 @@ def test_power_cuts_in_an_update(updated: Updated, new: Update, tmp_path: Path) 
 
 
 def moments(every: list[Record], before: Path) -> list[int]:
-    """Where the power is cut: half of them spread, half where the first partition changes."""
+    """Where the power is cut: spread evenly, and where the first partition changes."""
     first, length = partitions(before)[BOOT]
     ours = [
         i + 1 for i, one in enumerate(every) if one.data and first <= one.offset < first + length
     ]
-    evenly = [len(every) * (i + 1) // (CUTS // 2) for i in range(CUTS // 2)]
-    step = max(1, len(ours) // (CUTS // 2))
-    return sorted({*evenly, *ours[::step][: CUTS // 2], *ours[-3:], len(every)} - {0})
+    evenly = [len(every) * (i + 1) // CUTS for i in range(CUTS)]
+    return sorted({*evenly, *ours[:: max(1, len(ours) // CUTS)], *ours[-3:]} - {0})
 
 
 def same(card: Path, part: int, other: Path) -> bool:

@@ -84,7 +84,7 @@ class _Server(ThreadingHTTPServer):
 
     def process_request_thread(self, request, client_address):  # type: ignore[no-untyped-def]
         """Shake hands in the connection's own thread, so that a slow one holds nobody up."""
-        place = None
+        place = limit = None
         try:
             request.settimeout(_PATIENCE_S)
             request = self._tls.wrap_socket(
@@ -93,11 +93,17 @@ class _Server(ThreadingHTTPServer):
             wrapped = request
             place = self._places.enter(peer_of(client_address[0]), lambda: _end(wrapped))
             self._own.place = place
+            # In all, not for each of its bytes.
+            limit = threading.Timer(_PATIENCE_S, _end, (wrapped,))
+            limit.daemon = True
+            limit.start()
             request.do_handshake()
             super().process_request_thread(request, client_address)
         except (OSError, ValueError):  # no TLS, or it has gone, or had to leave
             self.shutdown_request(request)
         finally:
+            if limit:
+                limit.cancel()
             if place:
                 self._places.exit(place)
 

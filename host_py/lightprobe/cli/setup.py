@@ -64,6 +64,8 @@ def command(
     Where systemd runs lightprobed, it sets up that service, as root. With another --config it runs
     lightprobed itself. Example: sudo lightprobe setup --network
     """
+    if sys.platform == "win32":
+        raise LightprobeError("setup: runs on the probe, which is not a Windows machine")
     page = page or installation.viewer()
     if page is None or not (page / "setup.html").is_file():
         raise LightprobeError(

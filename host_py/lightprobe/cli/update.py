@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import signal
 import subprocess
 from dataclasses import asdict
 from pathlib import Path
@@ -44,6 +45,7 @@ def command(
             print(f"{percent:3d} %  {step}", flush=True)
         last = percent
 
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # RAUC's service would go on without us
     card.install(file, progress)
     print("update: written; it starts at the next start, and is kept if it runs well", flush=True)
     if restart:

@@ -84,7 +84,7 @@ def check_password(security: str, password: str) -> None:
         if password:
             raise UsageError("wifi: this network is open: leave the password out")
         return
-    size = len(password.encode(errors="surrogateescape"))
+    size = len(password.encode(errors="replace"))
     least = 1 if security == WPA3 else 8
     plain = not any(letter < " " or "\x7f" <= letter < "\xa0" for letter in password)
     sound = plain and not any("\ud800" <= letter <= "\udfff" for letter in password)

@@ -176,7 +176,7 @@ class Wifi:
                 uuid = next((one for one, name in self._others().items() if name == ssid), uuid)
             nmcli.run("connection", "up", "uuid", uuid, wait_s=_JOIN_S)
             return
-        former = file.read_text(encoding="utf-8") if file.exists() else None
+        former = file.read_text(encoding="utf-8", errors="replace") if file.exists() else None
         try:
             self._load(file, wanted.text())
             nmcli.run("connection", "up", "uuid", uuid, wait_s=_JOIN_S)

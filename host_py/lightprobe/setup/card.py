@@ -14,6 +14,8 @@ from lightprobe.errors import LightprobeError
 
 #: Written by `make image`.
 VERSION = Path("/usr/share/lightprobe/image-version")
+#: Is there while an update is on trial (update.py of the image).
+TRIAL = Path("/run/lightprobe-trial")
 _PROGRESS = re.compile(r"\s*(\d{1,3})% (.+)")
 _LAST_ERROR = re.compile(r"LastError: (.*?)\s*(?:Installing `.*` failed\s*)?$", re.S)
 #: What RAUC says, and what that means to the owner.
@@ -48,6 +50,14 @@ def can_update() -> bool:
     return version() is not None and shutil.which("rauc") is not None
 
 
+def ensure_settled() -> None:
+    """Raise LightprobeError while an update is on trial: what stops the daemon would end it."""
+    if TRIAL.exists():
+        raise LightprobeError(
+            "setup: an update is being tried: wait 20 seconds, until the probe has run so long"
+        )
+
+
 def halves() -> Halves:
     """Ask RAUC how the card stands; raises LightprobeError."""
     shown = json.loads(_rauc("status", "--output-format=json"))
@@ -73,7 +83,7 @@ def install(file: Path, tell: Callable[[int, str], None]) -> None:
     said = []
     with subprocess.Popen(
         ["rauc", "install", str(file.resolve())], stdin=subprocess.DEVNULL, text=True,
-        stdout=subprocess.PIPE, stderr=subprocess.STDOUT, errors="replace",
+        stdout=subprocess.PIPE, stderr=subprocess.STDOUT, errors="replace", start_new_session=True,
     ) as process:  # fmt: skip
         assert process.stdout is not None
         for line in process.stdout:
@@ -89,7 +99,7 @@ def why(said: str) -> str:
     match = _LAST_ERROR.search(said)
     words = " ".join((match[1] if match else said).split())[-400:] or "no reason was given"
     meaning = next((meant for form, meant in _MEANING if re.search(form, words, re.I)),
-                   "nothing was changed")  # fmt: skip
+                   "the probe starts as before")  # fmt: skip
     return f"{meaning} (RAUC: {words})"
 
 

@@ -70,6 +70,8 @@ class Networks:
             await asyncio.to_thread(change)
         except LightprobeError as error:
             told["problem"] = str(error)
+        except (OSError, ValueError) as error:  # the page must not say that it was done
+            told["problem"] = f"wifi: {told['name']}: {told['what']}: {error}"
 
 
 def _page(request: web.Request) -> str:

@@ -25,6 +25,19 @@ _END_S = 15.0
 _LOG_LINES = 40
 
 
+def boot() -> str:
+    """Give what is another one after each start of this machine; "" where that is not told."""
+    try:
+        return Path("/proc/sys/kernel/random/boot_id").read_text().strip()
+    except OSError:
+        return ""
+
+
+def restart_machine() -> None:
+    """Begin to restart this machine."""
+    subprocess.run(["systemctl", "--no-block", "reboot"], capture_output=True)
+
+
 class Service(Protocol):
     """What is started and stopped."""
 

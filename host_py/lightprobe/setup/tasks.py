@@ -43,6 +43,7 @@ class Task:
     writes: str = ""  # field whose camera file it writes
     setting: str = ""  # of the daemon, that the file is for
     next_step: str = ""
+    restarts: bool = False  # this machine, when it has ended well
     of_card: bool = False  # only where the whole system is on a card of `make image`
 
     @property
@@ -141,10 +142,9 @@ TASKS = (
         "update", "Update this probe",
         "Another version of the whole system: a file .raucb of the maker of this card. Settings "
         "and calibration stay. The probe restarts.",
-        ("update", "{UPLOAD}", "--restart"), (Field("file", "Update", "upload"),),
-        ends_by_itself=True, minutes=3, of_card=True,
-        next_step="The probe starts with the new version: this page shows it in a minute. If it "
-        "does not run well, the former version is back after six minutes.",
+        ("update", "{UPLOAD}"), (Field("file", "Update", "upload"),),
+        ends_by_itself=True, minutes=3, of_card=True, restarts=True,
+        next_step="If the new version does not run well, the former one is back after six minutes.",
     ),
     Task(
         "find-cameras", "Find cameras on the network",
@@ -178,6 +178,8 @@ def words(
         raise UsageError(f"setup: {task.name}: no file was sent before")
     filled = {name: str(folder) for name, folder in folders.items()}
     for field in task.fields:
+        if field.kind == "upload":  # its name elsewhere
+            continue
         value = str(given.get(field.name, field.initial)).strip()
         filled[field.name] = _checked(task, field, value, cameras)
     return [

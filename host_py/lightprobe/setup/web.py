@@ -32,6 +32,10 @@ _MOST_BYTES = 65536
 #: After a wrong token, so that nobody tries many.
 _WRONG_TOKEN_S = 1.0
 _POLL_S = 1.0
+#: A file that no task has taken by then goes.
+_UNUSED_S = 120.0
+#: By then the page knows that the task has ended well.
+_RESTART_S = 3.0
 _PAGE = "setup.html"
 _HEADERS = {
     "Content-Security-Policy": "default-src 'self'; img-src 'self' blob: data:; "
@@ -127,7 +131,7 @@ class Setup:
         found = settings.values(text)
         return web.json_response({
             "name": found.get("name", [socket.gethostname()])[0], "version": __version__,
-            "card": card.version(),
+            "card": card.version(), "boot": service.boot(),
             "config": str(self._config), "settings": found, "text": text,
             "runs": await asyncio.to_thread(lambda: self._daemon.runs),
             "log": await asyncio.to_thread(self._daemon.log),
@@ -159,10 +163,17 @@ class Setup:
         return web.json_response({})
 
     async def _receive(self, request: web.Request) -> web.Response:
-        """Take a file for the task that is begun next."""
+        """Take a file for the task that is begun next, soon."""
+        if not any(task.takes_file for task in tasks.offered()):
+            raise UsageError("setup: upload: no task of this machine takes a file")
         async with self._alone():
             await self._upload.receive(request)
+        asyncio.get_running_loop().call_later(_UNUSED_S, self._forget_unused)
         return web.json_response({})
+
+    def _forget_unused(self) -> None:
+        if not self._works and not self._busy.locked():
+            self._upload.remove()
 
     @contextlib.asynccontextmanager
     async def _alone(self) -> Any:
@@ -179,6 +190,7 @@ class Setup:
         wanted = await _json(request)
         task = tasks.named(str(wanted.get("task")))
         given = {name: str(value) for name, value in _dict(wanted.get("fields")).items()}
+        card.ensure_settled()
         async with self._alone():
             job = Job(task, None)
             folders = {
@@ -211,6 +223,8 @@ class Setup:
         finally:
             if job.task.takes_file:
                 self._upload.remove()
+            if job.task.restarts and job.status == 0:
+                asyncio.get_running_loop().call_later(_RESTART_S, service.restart_machine)
             if frees:
                 try:
                     await asyncio.to_thread(self._daemon.start)

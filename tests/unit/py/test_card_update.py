@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import http.client
 import itertools
 import json
+import subprocess
 import sys
 from pathlib import Path
 
@@ -25,13 +27,14 @@ def loader(boot: Path, running: str, ran: list[list[str]] | None = None) -> upda
     """The halves of a card whose first partition is a folder."""
     said = ran if ran is not None else []
     return update.Loader(
-        boot, f"quiet rauc.slot={running}", lambda words: said.append([*words]) or ""
+        boot, boot, f"quiet rauc.slot={running}", lambda words: said.append([*words]) or ""
     )
 
 
 def started(boot: Path) -> list[str]:
     """What the boot loader's script does with the files: the halves, in the order it tries them."""
-    kept = "b" if (boot / "half.env").read_text() == "half=b\n" else "a"
+    said = (boot / "half.env").read_bytes().replace(b"\r\n", b"\n")
+    kept = "b" if b"\nhalf=b\n" in b"\n" + said else "a"
     order = [kept, update.other(kept)]
     if (boot / "try").exists():
         (boot / "try").unlink()
@@ -105,10 +108,21 @@ def test_the_kept_half_is_one_that_has_run(
         assert one.kept == before or words == ["set-state", running, "good"]
 
 
-@pytest.mark.parametrize("text", [b"", b"half=c\n", b"\xff" * 512, b"half=a"])
-def test_a_damaged_file_means_the_first_half(boot: Path, text: bytes) -> None:
+@pytest.mark.parametrize(
+    ("text", "kept"),
+    [
+        (b"", "a"), (b"half=c\n", "a"), (b"\xff" * 512, "a"), (b"half=a", "a"),
+        (b"half=b\r\n", "b"), (b"# mine\r\nhalf=b\r\n", "b"), (b"half=b \n", "a"),
+        (b"half=a\n# kept half\n", "a"),
+    ],
+)  # fmt: skip
+def test_a_file_that_somebody_has_edited_or_damaged(boot: Path, text: bytes, kept: str) -> None:
     (boot / "half.env").write_bytes(text)
-    assert loader(boot, "a").kept == "a"
+    assert loader(boot, "a").kept == kept
+    new = loader(boot, update.other(kept))
+    new.set_good(new.running)
+    assert (new.kept, started(boot)[0]) == (new.running, new.running)
+    assert (boot / "half.env").read_bytes() == f"half={new.running}\n".encode()
     (boot / "half.env").unlink()
     assert loader(boot, "a").kept == "a"
 
@@ -165,19 +179,53 @@ def test_a_trial_is_kept_when_it_is_well_for_a_while(
         assert clock.now_s - 1000.0 <= update.PATIENCE_S + update.POLL_S
 
 
-def test_nothing_is_tried_without_an_update(boot: Path) -> None:
-    ran: list[list[str]] = []
-    assert loader(boot, "a", ran).confirm()
-    assert ran == []
+def test_a_trial_that_cannot_be_kept_is_tried_again_and_then_over(
+    boot: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    clock, tries = Clock(monkeypatch), []
+    one = loader(boot, "b")
+
+    def run(words: list[str]) -> str:
+        if words[0] != "rauc":
+            return ""
+        tries.append(words)
+        if len(tries) < 3:
+            raise subprocess.TimeoutExpired(words, 120)
+        one.set_good("b")
+        return ""
+
+    one.run = run
+    monkeypatch.setattr(one, "well", lambda: True)
+    assert one.confirm()
+    assert len(tries) == 3
+
+    def refused(words: list[str]) -> str:
+        raise OSError("the card cannot be written")
+
+    one.run = refused
+    (boot / "half.env").write_text("half=a\n")
+    before_s = clock.now_s
+    assert not one.confirm()
+    assert clock.now_s - before_s <= update.PATIENCE_S + update.POLL_S
 
 
-def test_a_half_is_well_when_services_run_and_the_page_answers(
+def test_only_a_trial_is_judged() -> None:
+    unit = (IMAGE / "files/etc/systemd/system/lightprobe-confirm.service").read_text()
+    assert "\nConditionKernelCommandLine=lightprobe.trial\n" in unit
+    assert "\nFailureAction=reboot\n" in unit
+    assert "setenv trial lightprobe.trial" in (IMAGE / "boot.cmd").read_text()
+
+
+def test_a_half_is_well_when_what_ran_before_runs_and_the_page_answers(
     boot: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     down: set[str] = set()
+    networks = "lo\neth0\n"
 
     def run(words: list[str]) -> str:
         """As systemctl: with several names it is content with one that runs."""
+        if words[0] == "nmcli":
+            return networks
         assert words[:2] == ["systemctl", "is-active"]
         if down >= set(words[2:]):
             raise OSError("inactive")
@@ -191,12 +239,34 @@ def test_a_half_is_well_when_services_run_and_the_page_answers(
         down = {unit}
         assert not one.well(), unit
     down = set()
-
-    def refused(*_: object, **__: object) -> None:
-        raise update.urllib.error.URLError("refused")
-
-    monkeypatch.setattr(update.urllib.request, "urlopen", refused)
+    networks = "lo\n"
     assert not one.well()
+    networks = "wlan0\n"
+    for failure in (OSError("refused"), http.client.BadStatusLine("x")):
+
+        def refused(*_: object, failure: Exception = failure, **__: object) -> None:
+            raise failure
+
+        monkeypatch.setattr(update.urllib.request, "urlopen", refused)
+        assert not one.well()
+
+
+def test_what_did_not_run_before_the_update_is_not_asked_for(
+    boot: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def run(words: list[str]) -> str:
+        if words == ["systemctl", "is-active", "lightprobed"]:  # its configuration is wrong
+            raise OSError("failed")
+        return "eth0\n"
+
+    one = loader(boot, "a")
+    one.run = run
+    monkeypatch.setattr(update.urllib.request, "urlopen", lambda *_, **__: None)
+    assert not one.well()
+    one.start_next("b")
+    trial = loader(boot, "b")
+    trial.run = run
+    assert trial.well()
 
 
 # ------------------------------------------------------------------ the command
@@ -272,7 +342,7 @@ def test_an_update_is_written_with_its_progress(machine: Path) -> None:
             "Invalid bundle format: Signature size (55085) exceeds bundle size",
             "no update, or only a part",
         ),
-        ("Input/output error", "nothing was changed"),
+        ("Input/output error", "starts as before"),
     ],
 )
 def test_a_refusal_names_file_reason_and_next_step(machine: Path, rauc: str, meant: str) -> None:
@@ -306,8 +376,10 @@ def test_a_task_needs_its_file(machine: Path) -> None:
         tasks.words(task, given_fields, folders, machine)
     (machine / "upload").write_text("x")
     assert tasks.words(task, given_fields, folders, machine) == [
-        "update", str(machine / "upload"), "--restart",
+        "update", str(machine / "upload"),
     ]  # fmt: skip
+    long = {"file": "ü" * 1000 + "\n"}  # its name elsewhere is no matter
+    assert tasks.words(task, long, folders, machine)
 
 
 def test_what_an_earlier_run_left_goes(tmp_path: Path) -> None:

@@ -4,25 +4,25 @@
 
 RAUC, which writes an update to the other half, asks `update.py get-primary`, `set-primary HALF`,
 `get-state HALF` and `set-state HALF good|bad`, as it asks any boot loader (its custom backend).
-`update.py confirm`, at each start: a half that was started as a trial is kept once it is well;
-otherwise the machine starts again, with the former half.
+`update.py confirm`, when a half was started as a trial: it is kept once it is well; otherwise the
+machine starts again, with the former half.
 
 The boot loader's script (boot.cmd) reads two files of the card's first partition: `half.env` says
-which half is kept, and `try`, if it is there, that the other one starts once.
+which half is kept, and `try`, if it is there, that the other one starts once, as a trial.
 """
 
 from __future__ import annotations
 
+import http.client
 import os
 import ssl
 import subprocess
 import sys
 import time
-import urllib.error
 import urllib.request
 from pathlib import Path
 
-from appliance import BOOT, SERVICES, Run, run_now, writable
+from appliance import BOOT, SERVICES, STATE, Run, run_now, writable, write_whole
 
 HALVES = ("a", "b")
 KEPT, TRY = "half.env", "try"
@@ -31,24 +31,33 @@ GOOD, BAD = "good", "bad"
 WELL_S, PATIENCE_S = 20.0, 300.0
 POLL_S = 2.0
 PAGE = "https://127.0.0.1:7703/setup.html"
+UNITS = (*SERVICES, "NetworkManager")
+#: The units that ran when the update was written: what the owner has broken is no fault of it.
+NEEDS = "update-needs"
+#: Is there while a half is on trial; the set-up page begins nothing meanwhile.
+TRIAL = Path("/run/lightprobe-trial")
 
 
 class Loader:
     """The two files; the folder and programs are given, so that it can be tested."""
 
-    def __init__(self, boot: Path = BOOT, cmdline: str | None = None, run: Run = run_now) -> None:
+    def __init__(
+        self, boot: Path = BOOT, state: Path = STATE, cmdline: str | None = None, run: Run = run_now
+    ) -> None:
         """`cmdline`: what the kernel was started with."""
         words = (Path("/proc/cmdline").read_text() if cmdline is None else cmdline).split()
-        self.boot, self.run = boot, run
+        self.boot, self.state, self.run = boot, state, run
         self.running = "b" if "rauc.slot=b" in words else "a"
 
     @property
     def kept(self) -> str:
-        """The half that starts when nothing is tried."""
+        """The half that starts when nothing is tried, as the boot loader reads it."""
         try:
-            return "b" if (self.boot / KEPT).read_bytes().strip() == b"half=b" else "a"
+            lines = (self.boot / KEPT).read_bytes().replace(b"\r\n", b"\n").split(b"\n")
         except OSError:
             return "a"
+        said = [line for line in lines if line.startswith(b"half=")]
+        return "b" if said and said[-1] == b"half=b" else "a"
 
     @property
     def trial(self) -> str | None:
@@ -61,6 +70,8 @@ class Loader:
 
     def start_next(self, half: str) -> None:
         """Start it next; if it is not the one that is kept, once. Raises OSError."""
+        needed = [unit for unit in UNITS if self._is_active(unit)]
+        write_whole(self.state / NEEDS, "".join(f"{unit}\n" for unit in needed))
         with writable(self.boot, self.run):
             if half == self.kept:
                 (self.boot / TRY).unlink(missing_ok=True)
@@ -85,34 +96,56 @@ class Loader:
         descriptor = os.open(self.boot / name, os.O_WRONLY | os.O_CREAT, 0o600)
         try:
             os.write(descriptor, text)
+            os.ftruncate(descriptor, len(text))
             os.fsync(descriptor)
         finally:
             os.close(descriptor)
 
     def confirm(self) -> bool:
-        """Keep a trial that is well for a while; False: it is not, and another start is wanted."""
-        if self.running == self.kept:
-            return True
+        """Keep a trial that is well for a while; False: another start is wanted."""
         began = since = time.monotonic()
         while (now := time.monotonic()) - began < PATIENCE_S:
             if not self.well():
                 since = now
-            elif now - since >= WELL_S:
-                self.run(["rauc", "status", "mark-good"])
-                return self.running == self.kept
+            elif now - since >= WELL_S and self._keep():
+                return True
             time.sleep(POLL_S)
         return False
 
-    def well(self) -> bool:
-        """Whether daemon, set-up page and network run, and the page answers."""
+    def _keep(self) -> bool:
         try:
-            for unit in (*SERVICES, "NetworkManager"):  # of several at once, one would be enough
-                self.run(["systemctl", "is-active", unit])
-            # The certificate is the probe's own, and the question stays in this machine.
-            urllib.request.urlopen(PAGE, timeout=10, context=ssl._create_unverified_context())
-        except (OSError, urllib.error.URLError, subprocess.SubprocessError):
+            self.run(["rauc", "status", "mark-good"])
+        except (OSError, subprocess.SubprocessError) as failure:
+            print(f"lightprobe: the update is well, and cannot be kept: {failure}", flush=True)
+        return self.running == self.kept
+
+    def well(self) -> bool:
+        """Whether what ran before the update runs, there is a network, and the page answers.
+
+        The network may be the probe's own.
+        """
+        try:
+            needed = (self.state / NEEDS).read_text().split()
+        except OSError:
+            needed = list(UNITS)
+        return all(self._is_active(unit) for unit in needed) and self._answers()
+
+    def _is_active(self, unit: str) -> bool:
+        """Each by itself: of several at once, one would be enough for systemctl."""
+        try:
+            self.run(["systemctl", "is-active", unit])
+        except (OSError, subprocess.SubprocessError):
             return False
         return True
+
+    def _answers(self) -> bool:
+        try:
+            networks = self.run(["nmcli", "-t", "-f", "DEVICE", "connection", "show", "--active"])
+            # The certificate is the probe's own, and the question stays in this machine.
+            urllib.request.urlopen(PAGE, timeout=10, context=ssl._create_unverified_context())
+        except (OSError, http.client.HTTPException, subprocess.SubprocessError):
+            return False
+        return bool(set(networks.split()) - {"lo"})
 
 
 def other(half: str) -> str:
@@ -142,9 +175,10 @@ def main() -> None:
     """Do one of them."""
     loader = Loader()
     if sys.argv[1:] == ["confirm"]:
+        TRIAL.touch()
         if not loader.confirm():
-            print("lightprobe: the update is not well: the former version starts", flush=True)
-            loader.run(["systemctl", "reboot"])
+            sys.exit("lightprobe: the update is not well: the former version starts")
+        TRIAL.unlink()
         return
     try:
         said = answer(loader, sys.argv[1:])
