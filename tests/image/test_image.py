@@ -49,7 +49,7 @@ class Recording:
 
     before: Path  # the card before its first start
     log: Path
-    saved: list[tuple[int, str]] = field(default_factory=list)  # length of the log, source
+    saved: list[tuple[int, str]] = field(default_factory=list)  # length of the log, line
 
 
 @pytest.fixture(scope="module")
@@ -96,7 +96,7 @@ def chosen(recording: Recording, started: Machine, owner: str, camera: int) -> s
     source = f"osc:10.0.2.2:{camera}"  # this machine, as QEMU shows it to its guest
     status, text = ask(started, owner, "PUT", "settings", {"set": {"source": [source]}})
     assert status == 200, text
-    recording.saved.append((recording.log.stat().st_size, source))
+    recording.saved.append((recording.log.stat().st_size, f"source = {source}"))
     return source
 
 
@@ -211,9 +211,7 @@ def test_power_cuts(recording: Recording, tmp_path: Path) -> None:
             apply(card, every[done:flushed])
             done = flushed
             with last_moments(card, every[flushed:end], seed and random.Random(seed * end)):
-                saved = [
-                    f"source = {of}" for at, of in recording.saved if at <= every[end - 1].logged
-                ]
+                saved = [line for at, line in recording.saved if at <= every[end - 1].logged]
                 found = faults(card, recording.before, saved[-1:])
                 bad += [f"cut {end}, seed {seed}: {what}" for what in found]
     subprocess.run(["cp", "--sparse=always", recording.before, card], check=True)
