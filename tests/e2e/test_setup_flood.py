@@ -176,27 +176,49 @@ def test_who_shows_no_token_has_to_go(page: Page) -> None:
     assert max(took_s) < door.UNPROVEN_S + 3
 
 
-def test_an_address_is_handed_out_while_somebody_holds_connections(tmp_path: Path) -> None:
-    pair.ensure(tmp_path, ["127.0.0.1"])
+@contextlib.contextmanager
+def handing_out(folder: Path) -> Iterator[int]:
+    """The port of a door that hands out an address."""
+    pair.ensure(folder, ["127.0.0.1"])
     offer = pair_hand_out.Offer(
-        "https://x/#token=1", tmp_path / pair.CERTIFICATE, tmp_path / pair.KEY, 30, 0
+        "https://x/#token=1", folder / pair.CERTIFICATE, folder / pair.KEY, 30, 0
     )
-    context = ssl._create_unverified_context()
     tls = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
     tls.load_cert_chain(offer.certificate, offer.key)
-    with pair_hand_out._Server(offer, tls) as server, contextlib.ExitStack() as stack:
+    with pair_hand_out._Server(offer, tls) as server:
         threading.Thread(target=server.serve_forever, args=(0.1,), daemon=True).start()
-        port = server.socket.getsockname()[1]
+        yield server.socket.getsockname()[1]
+        server.shutdown()
+
+
+def test_an_address_is_handed_out_while_somebody_holds_connections(tmp_path: Path) -> None:
+    with handing_out(tmp_path) as port, contextlib.ExitStack() as stack:
         for _ in range(60):
             stack.enter_context(
                 socket.create_connection(("127.0.0.1", port), source_address=("127.0.0.2", 0))
             )
         time.sleep(0.5)
-        connection = http.client.HTTPSConnection("127.0.0.1", port, timeout=5, context=context)
+        connection = http.client.HTTPSConnection(
+            "127.0.0.1", port, timeout=5, context=ssl._create_unverified_context()
+        )
         connection.request("POST", "/")
         assert b"token=1" in connection.getresponse().read()
         connection.close()
-        server.shutdown()
+
+
+def test_who_speaks_slowly_is_not_heard_for_ever(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(pair_hand_out, "_PATIENCE_S", 2.0)
+    with handing_out(tmp_path) as port:
+        raw = socket.create_connection(("127.0.0.1", port))
+        with ssl._create_unverified_context().wrap_socket(raw) as slow:
+            end_s = time.monotonic() + 30
+            with contextlib.suppress(OSError):
+                while time.monotonic() < end_s:  # less than 2 s between two bytes
+                    slow.sendall(b"G")
+                    time.sleep(0.5)
+            assert time.monotonic() < end_s
 
 
 def test_who_has_most_makes_room() -> None:
