@@ -108,8 +108,11 @@ def told(one: Machine, owner: str, done_s: float = 900) -> tuple[int | None, lis
     end = time.monotonic() + done_s
     while time.monotonic() < end:
         status, text = ask(one, owner, "GET", f"job?after={said}")
-        if status in (0, 404):
+        if status == 404:
             return None, lines
+        if status == 0:  # it restarts, or is slow
+            time.sleep(2)
+            continue
         assert status == 200, text
         answer = json.loads(text)
         lines += answer["lines"]
@@ -166,7 +169,7 @@ def updated(written: Card, new: Update, tmp_path_factory: pytest.TempPathFactory
         status, lines = send(one, found.token, new.file.read_bytes())
         print("\n".join(lines))
         assert status in (0, None), one.said()[-4000:]
-        assert any("100 %" in line for line in lines)
+        assert status is None or any("100 %" in line for line in lines)
         found.seconds["written"] = time.monotonic() - began
         wait_for("the new version", lambda: version(one, found.token) == NEW)
         found.seconds["new version answers"] = time.monotonic() - began

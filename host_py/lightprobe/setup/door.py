@@ -19,7 +19,7 @@ from lightprobe.places import Place, Places, peer_of
 
 #: Below the 1024 files that a process may have open by default. A browser opens six connections.
 MOST, MOST_OF_PEER, MOST_PROVEN = 192, 64, 32
-HANDSHAKE_S = 5.0
+HANDSHAKE_S = 10.0
 #: From accepting a connection to the owner's token.
 UNPROVEN_S = 15.0
 #: Between two requests.

@@ -35,7 +35,7 @@ _POLL_S = 1.0
 #: A file that no task has taken by then goes.
 _UNUSED_S = 120.0
 #: By then the page knows that the task has ended well.
-_RESTART_S = 3.0
+_RESTART_S = 5.0
 _PAGE = "setup.html"
 _HEADERS = {
     "Content-Security-Policy": "default-src 'self'; img-src 'self' blob: data:; "
