@@ -143,7 +143,7 @@ def test_memory_and_the_card(started: Machine, owner: str) -> None:
     """By what the machine tells of itself while the daemon measures and the page is served."""
     report = reported(started)
     print(report)
-    FIGURES["memory in use with daemon, set-up page, network, and RAUC asked once"] = f"{report['used_mb']} MB"
+    FIGURES["memory in use with all services"] = f"{report['used_mb']} MB"
     assert int(report["used_mb"]) <= MOST_MEMORY_MB
     assert report["root"] == "ro"
     assert int(report["data_mb"]) > MORE_MB  # it has grown
