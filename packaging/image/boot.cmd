@@ -27,7 +27,7 @@ for one in ${order}; do
 	if load ${card}:${part} ${kernel_addr_r} /boot/vmlinuz; then
 		if load ${card}:${part} ${ramdisk_at} /boot/initrd.img; then
 			# A Raspberry Pi 4 has no other way to start again than its watchdog, which the kernel feeds once it has loaded
-			# its module (the first of modules.txt). Armed for 16 s: a trial that hangs before that is over then.
+			# its module (the first of modules.txt). PM_WDOG and PM_RSTC arm it for 16 s: a trial that hangs before is over then.
 			if test "${board}" = rpi -a -n "${trial}"; then
 				mw.l 0xfe100024 0x5a0fffff
 				mw.l 0xfe10001c 0x5a000020

@@ -8,6 +8,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -100,13 +101,20 @@ def test_a_port_that_is_taken_is_said(door: Door, tmp_path: Path) -> None:
     assert ask("GET")[0] == 200
 
 
-def test_the_second_is_told_that_it_was_not_first(tmp_path: Path) -> None:
-    pair.ensure(tmp_path, ["127.0.0.1"])
+@contextmanager
+def opened(folder: Path) -> Iterator[pair_hand_out._Server]:
+    """A door in this process, which hands out https://x/#token=1."""
+    pair.ensure(folder, ["127.0.0.1"])
     offer = pair_hand_out.Offer(
-        "https://x/#token=1", tmp_path / pair.CERTIFICATE, tmp_path / pair.KEY, 5, 0
+        "https://x/#token=1", folder / pair.CERTIFICATE, folder / pair.KEY, 5, 0
     )
     tls = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
     tls.load_cert_chain(offer.certificate, offer.key)
     with pair_hand_out._Server(offer, tls) as server:
-        assert server.take() == offer.url
+        yield server
+
+
+def test_the_second_is_told_that_it_was_not_first(tmp_path: Path) -> None:
+    with opened(tmp_path) as server:
+        assert server.take() == "https://x/#token=1"
         assert server.take() is None

@@ -15,16 +15,19 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from lightprobe.cli import pair, pair_hand_out
+from lightprobe.cli import pair_hand_out
 from lightprobe.places import Place, Places, peer_of
 from lightprobe.setup import door
 
+from .test_pair_hand_out import opened
 from .test_setup import Page, serving
 
 #: More than the files that the page's process may have open (1024 by default), or its places.
 HELD = 1500
 #: The owner's next page, on a machine that does other work; who is kept out waits for ever.
 WITHIN_S = 30.0
+#: By so much a machine that does other work may be late.
+_BUSY_S = 20.0
 OPENS_ALL_THE_TIME = """
 import socket, sys
 port, source = int(sys.argv[1]), sys.argv[2]
@@ -159,7 +162,9 @@ def test_who_shows_no_token_has_to_go(page: Page) -> None:
     context = ssl._create_unverified_context()
 
     def connected() -> socket.socket:
-        return socket.create_connection(("127.0.0.1", page.port), timeout=door.UNPROVEN_S + 10)
+        return socket.create_connection(
+            ("127.0.0.1", page.port), timeout=door.UNPROVEN_S + 2 * _BUSY_S
+        )
 
     with connected() as silent, connected() as shaken, connected() as slow:
         began_s = time.monotonic()
@@ -172,20 +177,14 @@ def test_who_shows_no_token_has_to_go(page: Page) -> None:
                     pass
             took_s.append(time.monotonic() - began_s)
             end.close()
-    assert took_s[0] < door.HANDSHAKE_S + 3
-    assert max(took_s) < door.UNPROVEN_S + 3
+    assert took_s[0] < door.HANDSHAKE_S + _BUSY_S
+    assert max(took_s) < door.UNPROVEN_S + _BUSY_S
 
 
 @contextlib.contextmanager
 def handing_out(folder: Path) -> Iterator[int]:
-    """The port of a door that hands out an address."""
-    pair.ensure(folder, ["127.0.0.1"])
-    offer = pair_hand_out.Offer(
-        "https://x/#token=1", folder / pair.CERTIFICATE, folder / pair.KEY, 30, 0
-    )
-    tls = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
-    tls.load_cert_chain(offer.certificate, offer.key)
-    with pair_hand_out._Server(offer, tls) as server:
+    """The port of a door that hands out an address, and answers."""
+    with opened(folder) as server:
         threading.Thread(target=server.serve_forever, args=(0.1,), daemon=True).start()
         yield server.socket.getsockname()[1]
         server.shutdown()

@@ -11,6 +11,7 @@ import tempfile
 from pathlib import Path
 
 from lightprobe.errors import LightprobeError
+from lightprobe.whole_file import settle
 
 
 class CalibrationError(LightprobeError):
@@ -35,7 +36,7 @@ def save(path: Path, text: str) -> Path | None:
         os.chmod(temporary, _mode(path))
         kept = _keep(path)
         os.replace(temporary, path)
-        _sync_folder(path.parent)
+        settle(path.parent)
     except OSError as error:
         if temporary is not None:
             Path(temporary).unlink(missing_ok=True)
@@ -68,13 +69,3 @@ def _keep(path: Path) -> Path | None:
 def _number(path: Path) -> int:
     text = path.name.rpartition(".~")[2].removesuffix("~")
     return int(text) if text.isdecimal() else 0
-
-
-def _sync_folder(folder: Path) -> None:
-    if not hasattr(os, "O_DIRECTORY"):  # Windows: folders are not opened, nor need they be
-        return
-    handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
-    try:
-        os.fsync(handle)
-    finally:
-        os.close(handle)

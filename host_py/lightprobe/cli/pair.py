@@ -25,6 +25,7 @@ from lightprobe import daemon, installation
 from lightprobe.cli import check, pair_hand_out
 from lightprobe.errors import LightprobeError
 from lightprobe.setup import settings
+from lightprobe.whole_file import replacing
 
 KEY, CERTIFICATE, _TOKEN = "key.pem", "certificate.pem", "token"
 _PORT = 7702
@@ -198,14 +199,9 @@ def _name(host: str) -> x509.GeneralName:
 
 
 def write_secret(path: Path, data: bytes) -> None:
-    """Whole or not at all."""
-    half_done = path.with_name(f".{path.name}.part")
-    half_done.unlink(missing_ok=True)
-    with open(os.open(half_done, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "wb") as file:
+    """Whole or not at all, for the owner alone; raises OSError."""
+    with replacing(path) as file:
         file.write(data)
-        file.flush()
-        os.fsync(file.fileno())
-    half_done.replace(path)
 
 
 def read(folder: Path) -> Pair:

@@ -5,7 +5,6 @@ The password goes to NetworkManager in such a file alone: never as an argument o
 
 from __future__ import annotations
 
-import os
 import re
 import uuid
 from dataclasses import dataclass
@@ -13,6 +12,7 @@ from pathlib import Path
 
 from lightprobe.errors import UsageError
 from lightprobe.network import names
+from lightprobe.whole_file import replacing, settle
 
 #: Connections that this package has made: of each name one.
 _SPACE = uuid.UUID("6f1f3b52-3c0e-4c55-9d2b-0d6c62b8a2a7")
@@ -96,27 +96,12 @@ def check_password(security: str, password: str) -> None:
 
 
 def write(file: Path, text: str) -> None:
-    """Write it: whole or not at all, readable for its owner alone; raises OSError."""
-    fresh = file.with_name(f".{file.name}.new")
-    fresh.unlink(missing_ok=True)
-    handle = os.open(fresh, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
-    with open(handle, "w", encoding="utf-8", newline="") as out:
-        out.write(text)
-        out.flush()
-        os.fsync(out.fileno())
-    fresh.replace(file)
-    _settle(file.parent)
+    """Write it, readable for its owner alone; raises OSError."""
+    with replacing(file) as out:
+        out.write(text.encode())
 
 
 def remove(file: Path) -> None:
     """Remove it for good, if it is there; raises OSError."""
     file.unlink(missing_ok=True)
-    _settle(file.parent)
-
-
-def _settle(folder: Path) -> None:
-    handle = os.open(folder, os.O_RDONLY)
-    try:
-        os.fsync(handle)
-    finally:
-        os.close(handle)
+    settle(file.parent)

@@ -75,7 +75,7 @@ def install(file: Path, tell: Callable[[int, str], None]) -> None:
     """
     if not can_update():
         raise LightprobeError(
-            "update: this probe does not run from a card of `make image`: update its Debian "
+            "update: this machine was not started from a card of `make image`: update its Debian "
             "packages, or its repository (docs/users/image.md)"
         )
     if not file.is_file():

@@ -14,6 +14,7 @@ from pathlib import Path
 
 from lightprobe import daemon
 from lightprobe.errors import LightprobeError, UsageError
+from lightprobe.whole_file import replacing
 
 _LINE = re.compile(r"^\s*([a-z][a-z0-9-]*)\s*=(.*)$")
 _EXAMPLE = re.compile(r"^\s*#\s*([a-z][a-z0-9-]*)\s*=")
@@ -118,29 +119,17 @@ def write(file: Path, text: str, *, keep: bool = True) -> None:
     LightprobeError.
     """
     file = file.resolve()
-    half_done = file.with_name(f".{file.name}.part")
     try:
-        half_done.unlink(missing_ok=True)
-        handle = os.open(half_done, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
-        with open(handle, "w", encoding="utf-8", newline="") as out:
-            out.write(text)
-            out.flush()
-            os.fsync(out.fileno())
+        with replacing(file) as out:
+            out.write(text.encode())
             before = file.stat() if file.exists() else None
             if before:
                 os.fchown(out.fileno(), before.st_uid, before.st_gid)
             os.fchmod(out.fileno(), before.st_mode & 0o777 if before else 0o644)
-        if before and keep:
-            old, link = file.with_name(f"{file.name}.old"), file.with_name(f".{file.name}.link")
-            link.unlink(missing_ok=True)
-            os.link(file, link)
-            link.replace(old)
-        half_done.replace(file)
-        folder = os.open(file.parent, os.O_RDONLY)
-        try:
-            os.fsync(folder)
-        finally:
-            os.close(folder)
+            if before and keep:
+                old, link = file.with_name(f"{file.name}.old"), file.with_name(f".{file.name}.link")
+                link.unlink(missing_ok=True)
+                os.link(file, link)
+                link.replace(old)
     except (OSError, UnicodeEncodeError) as error:
-        half_done.unlink(missing_ok=True)
         raise LightprobeError(f"setup: {file}: write: {error}") from None

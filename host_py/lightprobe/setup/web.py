@@ -68,6 +68,7 @@ class Setup:
         self._token, self._config, self._daemon, self._page = token, config, daemon, page
         self._pair, self._networks = pair, Networks(wifi)
         self._upload = Upload(config.parent)
+        self._unused: asyncio.TimerHandle | None = None
         self._job: Job | None = None
         self._running: asyncio.Task[None] | None = None
         self._busy = asyncio.Lock()
@@ -168,7 +169,9 @@ class Setup:
             raise UsageError("setup: upload: no task of this machine takes a file")
         async with self._alone():
             await self._upload.receive(request)
-        asyncio.get_running_loop().call_later(_UNUSED_S, self._forget_unused)
+        if self._unused:
+            self._unused.cancel()
+        self._unused = asyncio.get_running_loop().call_later(_UNUSED_S, self._forget_unused)
         return web.json_response({})
 
     def _forget_unused(self) -> None:

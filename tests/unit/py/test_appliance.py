@@ -1,7 +1,6 @@
 """What a probe's card does at each start (packaging/image): names, networks, access."""
 
 import configparser
-import importlib.util
 import json
 import os
 import stat
@@ -17,13 +16,11 @@ from lightprobe.network import profile, wifi
 from lightprobe.network.profile import Profile
 from lightprobe.panel import actions
 
-FILE = Path(__file__).parents[3] / "packaging/image/files/usr/lib/lightprobe/image/appliance.py"
-spec = importlib.util.spec_from_file_location("appliance", FILE)
-assert spec is not None
-assert spec.loader is not None
-appliance = importlib.util.module_from_spec(spec)
-sys.modules[spec.name] = appliance  # dataclasses look there
-spec.loader.exec_module(appliance)
+IMAGE = Path(__file__).parents[3] / "packaging/image"
+sys.path.insert(0, str(IMAGE / "files/usr/lib/lightprobe/image"))
+
+import appliance  # noqa: E402
+import owner_settings  # noqa: E402
 
 
 class Programs:
@@ -71,12 +68,12 @@ def keyfile(path: Path) -> configparser.ConfigParser:
 
 
 def test_the_file_on_the_card_is_right_as_it_is(tmp_path):
-    shipped = FILE.parents[5] / "lightprobe.txt"
-    found = appliance.read_settings(shipped.read_text())
+    shipped = IMAGE / "lightprobe.txt"
+    found = owner_settings.read_settings(shipped.read_text())
     assert (found.values, found.problems) == ({}, [])
     lines = [line for line in shipped.read_text().splitlines() if line[:1] not in ("", "#")]
     names = [line.split("=")[0].strip() for line in lines]
-    assert names == list(appliance.FORMS)
+    assert names == list(owner_settings.FORMS)
 
 
 def test_a_first_start_makes_name_networks_and_access(tmp_path):
@@ -176,12 +173,14 @@ def test_what_is_wrong_is_said_and_left_out(tmp_path, line, said):
 
 @given(st.text())
 def test_no_text_stops_it_or_gets_out_of_its_line(text):
-    found = appliance.read_settings(text)
+    found = owner_settings.read_settings(text)
     made = appliance.profiles("lightprobe-1", found, "abcdefgh")
     for one in made.values():
         sections = [line for line in one.splitlines() if line.startswith("[")]
         assert len(sections) == len(set(sections))
-    assert all(appliance.FORMS[name][0].fullmatch(value) for name, value in found.values.items())
+    assert all(
+        owner_settings.FORMS[name][0].fullmatch(value) for name, value in found.values.items()
+    )
 
 
 @pytest.mark.parametrize("program", ["lightprobe", "mount", "hostname", "iw", "findmnt"])

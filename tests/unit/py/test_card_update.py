@@ -355,13 +355,17 @@ def test_a_refusal_names_file_reason_and_next_step(machine: Path, rauc: str, mea
     assert rauc in said
 
 
+def test_image_and_set_up_page_mean_the_same_trial() -> None:
+    assert update.TRIAL == card.TRIAL
+
+
 def test_where_there_is_no_card_nothing_is_offered(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(card, "VERSION", tmp_path / "none")
     assert "was not started from a card" in run()[1]
     (tmp_path / "x.raucb").write_text("x")
-    assert "does not run from a card" in run(str(tmp_path / "x.raucb"))[1]
+    assert "was not started from a card" in run(str(tmp_path / "x.raucb"))[1]
     assert not [task for task in tasks.offered() if task.of_card]
 
 

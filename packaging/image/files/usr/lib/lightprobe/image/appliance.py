@@ -25,8 +25,9 @@ import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
 from pathlib import Path
+
+from owner_settings import SETTINGS, Settings, decoded, read_settings
 
 BOOT = Path("/boot/firmware")
 STATE = Path("/etc/lightprobe")
@@ -35,7 +36,7 @@ FACTORY = Path("/usr/share/lightprobe/image")
 PROFILES = Path("/run/NetworkManager/system-connections")
 #: In the state: networks that were joined by `lightprobe wifi` or the set-up page.
 NETWORKS, NETWORK_FILES = "networks", "lightprobe-wifi-*.nmconnection"
-SETTINGS, ACCESS = "lightprobe.txt", "access.txt"
+ACCESS = "access.txt"
 #: Connections of NetworkManager; the button (lightprobe panel) opens and closes the second.
 HOME, ACCESS_POINT = "home", "lightprobe"
 #: NetworkManager's own for a shared network.
@@ -43,7 +44,6 @@ ACCESS_POINT_ADDRESS = "10.42.0.1"
 #: Without what is easily misread: 0 and o, 1 and l.
 LETTERS = "abcdefghijkmnpqrstuvwxyz23456789"
 PASSWORD_LETTERS = 12
-MOST_SSID_BYTES = 32
 #: The card's last partition grows into free space of at least so much.
 LEAST_MORE_BYTES = 64 << 20
 #: Is there while the access point is open because there was no other network.
@@ -56,59 +56,6 @@ TRY_S = 300.0
 OTHERS_S = 10.0
 SERVICES = ("lightprobed", "lightprobe-setup")
 Run = Callable[[Sequence[str]], str]
-
-PASSWORD = re.compile(r"[ -~]{8,63}")  # of WPA2, as IEEE 802.11 has it
-FORMS = {
-    "name": (re.compile(r"[A-Za-z0-9](?:[A-Za-z0-9-]{0,30}[A-Za-z0-9])?"), "letters, digits, -"),
-    "country": (re.compile(r"[A-Z]{2}"), "two capital letters, as DE"),
-    "wifi-name": (re.compile(r"[^\0\n\ufffd]{1,32}"), "at most 32 bytes of UTF-8"),
-    "wifi-password": (PASSWORD, "8 to 63 characters"),
-    "access-point-password": (PASSWORD, "8 to 63 characters"),
-    "access-number": (re.compile(r"[0-9]{1,9}"), "digits"),
-}
-
-
-@dataclass
-class Settings:
-    """What lightprobe.txt says, and what is wrong with it."""
-
-    values: dict[str, str] = field(default_factory=dict)
-    problems: list[str] = field(default_factory=list)
-
-
-def too_long(name: str, value: str) -> bool:
-    """Tell whether it is a network's name of more bytes than Wi-Fi has room for."""
-    return name == "wifi-name" and len(value.encode()) > MOST_SSID_BYTES
-
-
-def decoded(data: bytes) -> str:
-    """Read a text as editors write it: UTF-8, or as old ones of Windows do."""
-    try:
-        return data.decode("utf-8-sig")
-    except UnicodeDecodeError:
-        return data.decode("cp1252", errors="replace")
-
-
-def read_settings(text: str) -> Settings:
-    """Read NAME = VALUE lines; what is empty is not there, and what is wrong is left out."""
-    found = Settings()
-    for number, line in enumerate(text.lstrip("\ufeff").splitlines(), 1):
-        name, equals, value = (part.strip() for part in line.partition("="))
-        if not line.strip() or line.lstrip().startswith("#"):
-            continue
-        where = f"{SETTINGS}, line {number}"
-        if not equals or name not in FORMS:
-            found.problems.append(f"{where}: not a setting; there are {', '.join(FORMS)}")
-        elif value and (not FORMS[name][0].fullmatch(value) or too_long(name, value)):
-            found.problems.append(f"{where}: {name} is left out: it needs {FORMS[name][1]}")
-        elif value:
-            found.values[name] = value
-    if ("wifi-name" in found.values) != ("wifi-password" in found.values):
-        found.problems.append(
-            f"{SETTINGS}: a Wi-Fi needs its name and its password; it is left out"
-        )
-        found.values.pop("wifi-name", None)
-    return found
 
 
 def write_whole(file: Path, text: str, mode: int = 0o600) -> bool:
